@@ -34,10 +34,10 @@ from typing import Any
 
 import numpy as np
 
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit, fit_or_problem
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.excitation import sines
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error

@@ -11,9 +11,7 @@ from scipy.signal import lfilter
 from emsid.estimation.fit import Fit
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.search.estimation import CascadeStructure
-from emsid.models.blocks.search.map_families import families
-from emsid.models.blocks.search.topologies import (
+from emsid.models.blocks.search.cross_validation import (
     DEFAULTS,
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
@@ -21,6 +19,8 @@ from emsid.models.blocks.search.topologies import (
     WIENER_HAMMERSTEIN,
     CascadeSearch,
 )
+from emsid.models.blocks.search.estimation import CascadeStructure
+from emsid.models.blocks.search.map_families import families
 from emsid.models.blocks.static_maps import CubicSpline
 from emsid.record import Record
 

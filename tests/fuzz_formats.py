@@ -103,7 +103,7 @@ def fuzz(kind, count, seed, folder, first=0):
     read, refused, wrong = 0, 0, []
     before = signal.signal(signal.SIGALRM, give_up)
     with ExitStack() as patched:
-        for module in ("packing", "arrow", "parquet"):
+        for module in ("sandbox", "parquet"):
             patched.enter_context(mock.patch(f"emsid.io.{module}.in_sandbox", in_this_process))
         for k, damaged in enumerate(damaged_files(content, count, rng)):
             if k < first:

@@ -156,7 +156,7 @@ def test_imports_point_to_earlier_layers_only() -> None:
         ("estimation.fit", "models.model", True),
         ("estimation.fit", "plant.motor", True),
         ("estimation.fit", "estimation.linear.information", False),
-        ("estimation.linear.recursive", "estimation.nonlinear.losses", True),
+        ("estimation.linear.recursive", "estimation.nonlinear.problem", True),
         ("estimation.linear.recursive", "estimation.fit", False),
         ("models.regression.narx", "estimation.fit", False),
         ("models.regression.narx", "validation.metrics", True),

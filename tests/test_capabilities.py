@@ -12,11 +12,10 @@ import pytest
 from emsid import EmsidError, Fit, ModelError
 from emsid.estimation.estimates import Estimate
 from emsid.findings import Finding
-from emsid.models.bands import Band
+from emsid.models.bands import Band, BandedCurve
 from emsid.models.c_form import CForm
 from emsid.models.capabilities import Capabilities, MapInUse, Modes
 from emsid.models.characteristics import Characteristic
-from emsid.models.curves import BandedCurve
 from emsid.models.kinds import KINDS, capabilities_of
 from emsid.models.linear.system import LinearSystem
 from emsid.models.model import Model

@@ -12,8 +12,7 @@ from scipy.signal import firwin, resample_poly
 from cascade_examples import CASCADES, FAST, SLOW, excitation, record_of
 from emsid.errors import ModelError
 from emsid.estimation.linear.filtering import is_stable
-from emsid.estimation.nonlinear.losses import SQUARES
-from emsid.estimation.nonlinear.problem import Infeasible, linearised
+from emsid.estimation.nonlinear.problem import SQUARES, Infeasible, linearised
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import FreeRun, freedom

@@ -29,10 +29,18 @@ from emsid.excitation import SIGNALS
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.search import choice as cascade_choice
-from emsid.models.blocks.search.cross_validation import CHOICE_SAMPLES, held_back, shortened
+from emsid.models.blocks.search.cross_validation import (
+    CHOICE_SAMPLES,
+    HAMMERSTEIN,
+    WIENER,
+    WIENER_HAMMERSTEIN,
+    CascadeSearch,
+    Topology,
+    held_back,
+    shortened,
+)
 from emsid.models.blocks.search.orders import map_sizes, measured_response, order_shares, total_orders
 from emsid.models.blocks.search.starts import _splits, at_higher_rate, grown
-from emsid.models.blocks.search.topologies import HAMMERSTEIN, WIENER, WIENER_HAMMERSTEIN, CascadeSearch, Topology
 from emsid.models.blocks.search.trials import scanned
 from emsid.models.blocks.static_maps import Saturation
 from emsid.models.free_run import free_run_error

@@ -13,13 +13,12 @@ from coverage_cascade import CASES as COVERED
 from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import Control
-from emsid.estimation.nonlinear.losses import Huber
-from emsid.estimation.nonlinear.problem import Infeasible
+from emsid.estimation.nonlinear.problem import Huber, Infeasible
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.fitting import fit_cascade, freedom, search, static_band
 from emsid.models.blocks.gain import unit_gain
-from emsid.models.blocks.search.diagnostics import advice
+from emsid.models.blocks.search.estimation import advice
 from emsid.models.blocks.static_maps import DeadZone, Saturation, TwoSlopes, UserMap
 
 

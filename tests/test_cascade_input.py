@@ -14,10 +14,9 @@ from emsid.errors import EmsidError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.search.diagnostics import advice
-from emsid.models.blocks.search.estimation import CascadeStructure
+from emsid.models.blocks.search.cross_validation import HAMMERSTEIN, CascadeSearch
+from emsid.models.blocks.search.estimation import CascadeStructure, advice
 from emsid.models.blocks.search.map_families import given
-from emsid.models.blocks.search.topologies import HAMMERSTEIN, CascadeSearch
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Saturation, UserMap
 from emsid.record import Record, concatenate
 

@@ -14,7 +14,7 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.io import read
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
-from emsid.models.blocks.search.topologies import CascadeSearch
+from emsid.models.blocks.search.cross_validation import CascadeSearch
 from emsid.models.blocks.static_maps import EvenSpline
 from emsid.record import Record
 

@@ -34,11 +34,10 @@ from emsid.estimation.nonlinear.control import Activity, Control, Stopped
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational, fir
 from emsid.models.blocks.gain import unit_gain
-from emsid.models.blocks.search.diagnostics import advice
-from emsid.models.blocks.search.estimation import estimate
+from emsid.models.blocks.search.cross_validation import HAMMERSTEIN, CascadeSearch
+from emsid.models.blocks.search.estimation import advice, estimate
 from emsid.models.blocks.search.map_families import Family, given
 from emsid.models.blocks.search.starts import regression_candidate
-from emsid.models.blocks.search.topologies import HAMMERSTEIN, CascadeSearch
 from emsid.models.blocks.static_maps import (
     CubicSpline,
     DeadZone,

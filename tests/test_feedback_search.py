@@ -19,7 +19,7 @@ from emsid.models.blocks.static_maps import Abs, DeadZone, Polynomial, Saturatio
 from emsid.models.feedback.coordinates import with_line
 from emsid.models.feedback.fitting import searched
 from emsid.models.feedback.model import FeedbackModel
-from emsid.models.feedback.search import choice, estimation, first_map, moves, trials
+from emsid.models.feedback.search import choice, estimation, moves, trials
 from emsid.models.feedback.search.choice import chosen
 from emsid.models.feedback.search.directions import Direction
 from emsid.models.feedback.search.moves import MORE, maps_more, with_map_more
@@ -141,7 +141,7 @@ def test_the_delays_that_linear_models_gain_by_are_tried(best: int, tried: tuple
         def linear(self, order: int, steps: Steps, delay: int) -> SimpleNamespace:
             return SimpleNamespace(error=0.9 if delay == best else 1.0 + 0.01 * delay)
 
-    assert first_map._delays(Judge(), FeedbackSearch(linear_delay=7), Steps(1, False)) == tried  # type: ignore[arg-type]
+    assert choice._delays(Judge(), FeedbackSearch(linear_delay=7), Steps(1, False)) == tried  # type: ignore[arg-type]
 
 
 def test_an_order_above_three_is_found() -> None:

@@ -17,7 +17,7 @@ from emsid.models.blocks.search.map_families import family_of
 from emsid.models.feedback.coordinates import Same, Visited, always_fixed, coordinates, directions, whitened
 from emsid.models.feedback.fitting import fit_feedback
 from emsid.models.feedback.normal_form import normal_form
-from emsid.models.feedback.search.shared_signals import with_shared_signals
+from emsid.models.feedback.search.choice import with_shared_signals
 from emsid.models.feedback.search.trials import FeedbackSearch, SearchData
 from feedback_models import Array, multiplied
 from model_examples import DT

@@ -15,12 +15,8 @@ from emsid import ModelError, Record
 from emsid.estimation.fit import Ending
 from emsid.models.blocks.static_maps import DeadZone
 from emsid.models.feedback.model import FeedbackModel
+from emsid.models.feedback.search.moves import sticking_map, with_speed_that_sticks, with_sticking_steps_doubled
 from emsid.models.feedback.search.starts import in_observer_form
-from emsid.models.feedback.search.sticking import (
-    sticking_map,
-    with_speed_that_sticks,
-    with_sticking_steps_doubled,
-)
 
 Array = NDArray[np.float64]
 LINEAR = {

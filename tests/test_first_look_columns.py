@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from emsid.estimation.rounding import quantisation
+from emsid.estimation.uncertainty.rounding import quantisation
 from emsid.first_look import describe
 from emsid.first_look.columns import column_of_numbers
 from emsid.first_look.names import ColumnQuantity, meaning

@@ -12,7 +12,6 @@ from scipy.signal import lfilter
 import emsid
 from emsid import ModelError, Record, RegressionModel, Structure, arx
 from emsid.estimation.fit import Ending
-from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.identification.candidates import usual_for
 from emsid.identification.regressions import REGRESSIONS
@@ -23,6 +22,7 @@ from emsid.models.regression.search import cross_validation
 from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
 from emsid.models.regression.search.terms import Trial, as_good, of_the_rest, prune, select_by_free_run
 from emsid.models.regression.structures import friction_narx, input_knots, polynomial_narx
+from emsid.models.regression.term_selection import forward_selection
 from emsid.models.regression.transforms import Transform, slope, transformed
 from emsid.selection.improvement import StretchErrors
 from independent.cases import motor

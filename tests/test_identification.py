@@ -13,14 +13,13 @@ from emsid.findings import Finding
 from emsid.first_look import examined
 from emsid.identification import regressions
 from emsid.identification.candidates import CANDIDATES, USUAL, usual_for, with_unit_of_name
-from emsid.identification.regressions import REGRESSIONS, stribeck_speeds
+from emsid.identification.regressions import REGRESSIONS, coordinate_search, stribeck_speeds
 from emsid.identification.task import unused_requests
 from emsid.identification.workflow import identify
 from emsid.models.plants.datasheet import Given
 from emsid.models.plants.drive import Feed
 from emsid.options import Options
 from emsid.report.identification_page import report
-from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import StretchErrors
 
 

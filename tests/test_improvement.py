@@ -106,7 +106,7 @@ def test_every_kind_of_model_is_chosen_by_this_rule() -> None:
         if "improvement import" in path.read_text()
     }
     assert {
-        "selection/coordinate_search.py",
+        "identification/regressions.py",
         "models/blocks/search/choice.py",
         "models/plants/search/choice.py",
     } <= users

@@ -18,10 +18,10 @@ import pytest
 
 import emsid
 from emsid.errors import EmsidError, FormatError
-from emsid.io import READERS, ParsedFile, packing, read_columns
-from emsid.io.arrow import read_arrow
-from emsid.io.clocks import on_one_clock
+from emsid.io import READERS, ParsedFile, read_columns, sandbox
 from emsid.io.columns import Columns
+from emsid.io.messages import on_one_clock
+from emsid.io.parquet import read_arrow
 from emsid.io.sandbox import in_sandbox
 from emsid.io.spreadsheet import read_spreadsheet
 
@@ -262,7 +262,7 @@ def test_a_log_of_a_can_bus_needs_a_database(
     with pytest.raises(FormatError, match="give the DBC file of the bus") as refused:
         emsid.read(log, input="u", output="y")
     assert refused.value.arguments == ("dbc",)
-    here = (packing, "in_sandbox", lambda parser, content, damaged: parser(content))
+    here = (sandbox, "in_sandbox", lambda parser, content, damaged: parser(content))
     if suffix == ".asc":
         monkeypatch.setattr(*here)
     columns = read_columns(log, dbc=dbc)
@@ -278,7 +278,7 @@ def test_a_log_of_a_can_bus_needs_a_database(
     Path(dbc).write_text(DBC.replace("256", "257").replace("512", "513"))
     with pytest.raises(FormatError, match="no frame of this log is a message of"):
         read_columns(log, dbc=dbc)
-    monkeypatch.setattr(packing, "find_spec", lambda name: None)
+    monkeypatch.setattr(sandbox, "find_spec", lambda name: None)
     with pytest.raises(FormatError, match=r"install cantools: pip install 'emsid\[can\]'"):
         emsid.read(log, input="u", output="y", dbc=dbc)
     with pytest.raises(FormatError, match="a database describes logs of a CAN bus"):
@@ -339,7 +339,7 @@ def test_a_file_of_each_kind(
     path.write_bytes(made(tmp_path) if made is bag else made())
     time = "t" if suffix in (".feather", ".xlsx") else None
     if suffix != ".wpilog":  # one in a process of its own is enough for a test
-        monkeypatch.setattr(packing, "in_sandbox", lambda parser, content, damaged: parser(content))
+        monkeypatch.setattr(sandbox, "in_sandbox", lambda parser, content, damaged: parser(content))
     record = emsid.read(path, input=input, output=output, time=time)
     np.testing.assert_allclose(record.input[:, 0], U)
     exact = 1e-6 if path.suffix == ".ulg" else 1e-7  # its numbers are of single precision
@@ -364,7 +364,7 @@ NEEDS = {suffix: extra for extra, suffixes in EXTRAS.items() for suffix in suffi
 @pytest.mark.parametrize("suffix", sorted(READERS))
 def test_a_package_that_is_missing_is_named(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every reader: it says which extra to install, which the project has, or needs none."""
-    monkeypatch.setattr(packing, "find_spec", lambda name: None)
+    monkeypatch.setattr(sandbox, "find_spec", lambda name: None)
     (tmp_path / f"log{suffix}").write_bytes(b"anything")
     with pytest.raises(EmsidError) as refused:
         emsid.read(tmp_path / f"log{suffix}", input="u", output="y")
@@ -392,11 +392,11 @@ def test_a_bag_of_ros_2_is_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path = bag_folder(tmp_path / "run 1")
     look = emsid.describe(path)  # in a process of its own
     assert look.reading["input"] == "bench.x"
-    monkeypatch.setattr(packing, "in_sandbox", lambda parser, content, damaged: parser(content))
+    monkeypatch.setattr(sandbox, "in_sandbox", lambda parser, content, damaged: parser(content))
     record = emsid.read(path, input="bench.x", output="bench.y")
     np.testing.assert_allclose(record.output[:, 0], Y)
     assert record.dt == pytest.approx(0.01)
-    monkeypatch.setattr(packing, "find_spec", lambda name: None)
+    monkeypatch.setattr(sandbox, "find_spec", lambda name: None)
     with pytest.raises(FormatError, match=r"install rosbags: pip install 'emsid\[ros\]'"):
         emsid.read(path, input="bench.x", output="bench.y")
     (tmp_path / "other").mkdir()

@@ -13,8 +13,8 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import fit_cascade
 from emsid.models.blocks.search.choice import larger_cascades
+from emsid.models.blocks.search.cross_validation import WIENER_HAMMERSTEIN
 from emsid.models.blocks.search.refinement import UNKNOWN, Choice, evident
-from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN
 from emsid.models.blocks.static_maps import Saturation, TwoSlopes
 from independent.cascades import cascade
 

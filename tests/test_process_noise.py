@@ -15,10 +15,15 @@ from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import search
 from emsid.models.blocks.process_noise import ErrorPiece, ProcessNoise, dependence, error_pieces, estimated_noise
-from emsid.models.blocks.search.process_noise import Corrected, in_turn, with_spread_of_mean, without_process_noise
-from emsid.models.blocks.search.topologies import Orders
+from emsid.models.blocks.search.cross_validation import Orders
+from emsid.models.blocks.search.process_noise import (
+    Corrected,
+    ExpectedMap,
+    in_turn,
+    with_spread_of_mean,
+    without_process_noise,
+)
 from emsid.models.blocks.static_maps import CubicSpline, DeadZone, Polynomial, Saturation
-from emsid.models.blocks.static_maps.expected import ExpectedMap
 from emsid.models.free_run import free_run_error
 from independent.process_noise import DT, FIRST, SECOND, Circuit, circuit
 

@@ -23,9 +23,8 @@ from emsid import (
     recursive_least_squares,
     wiener_hammerstein_regression,
 )
-from emsid.estimation.linear.recursive import paper_recursion
+from emsid.estimation.linear.recursive import RecursiveState, paper_recursion
 from emsid.estimation.linear.recursive_kernels import GROWTH, WINDUP, update_by_tiles
-from emsid.estimation.linear.recursive_state import RecursiveState
 
 Array = NDArray[np.float64]
 

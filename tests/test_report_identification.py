@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import emsid
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.report.document import Fact
 from emsid.report.identification_page import _once, report, values, which_model
 from emsid.report.numbers import first_up

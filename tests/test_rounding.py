@@ -8,9 +8,8 @@ from scipy.stats import binom
 
 import coverage_settings
 import emsid
-from emsid.estimation.rounding import runs
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.estimation.uncertainty.rounding import clustered_covariance, extent
+from emsid.estimation.uncertainty.rounding import clustered_covariance, extent, runs
 from emsid.models.plants.search.estimation import searched
 from emsid.models.plants.search.rounding import independent_errors, prevails
 from independent.joint import GEAR, JOINTS, STEP, Counts, Joint

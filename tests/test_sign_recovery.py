@@ -14,10 +14,10 @@ from emsid.errors import ModelError
 from emsid.estimation.nonlinear.control import Control, Stopped
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
+from emsid.models.blocks.search.cross_validation import CascadeSearch
 from emsid.models.blocks.search.map_families import Family
 from emsid.models.blocks.search.sign_recovery import best_signs, lobe_of_sample, recovered_signals
 from emsid.models.blocks.search.starts import sign_recovery_candidates
-from emsid.models.blocks.search.topologies import CascadeSearch
 from emsid.models.blocks.static_maps import Abs, CubicSpline, EvenSpline
 from emsid.models.free_run import free_run_error
 from emsid.record import Record

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 import emsid
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Ending
-from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.least_squares import gather
 from emsid.estimation.nonlinear.control import Activity, Control, Stopped
 from emsid.identification import regressions
 from emsid.models.regression import term_selection
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.shared_products import correlate, tree
 from emsid.models.regression.structures import friction_narx, polynomial_narx
+from emsid.models.regression.term_selection import correlate, forward_selection, tree
 from emsid.options import Options
 from emsid.record import Record, concatenate
 from independent.forward_selection import best_columns

@@ -30,8 +30,8 @@ from .estimation.linear.information import Information as Information
 from .estimation.linear.least_squares import least_squares as least_squares
 from .estimation.linear.least_squares import solve_rows as solve_rows
 from .estimation.linear.recursive import RecursiveLeastSquares as RecursiveLeastSquares
+from .estimation.linear.recursive import RecursiveState as RecursiveState
 from .estimation.linear.recursive import recursive_least_squares as recursive_least_squares
-from .estimation.linear.recursive_state import RecursiveState as RecursiveState
 from .excitation import crest_factor as crest_factor
 from .excitation import largest_order as largest_order
 from .excitation import persistent_excitation_order as persistent_excitation_order

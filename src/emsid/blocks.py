@@ -9,9 +9,9 @@ True
 from emsid.models.blocks.block import Block
 from emsid.models.blocks.cascade import Cascade, CascadeState
 from emsid.models.blocks.filters import Rational, fir
+from emsid.models.blocks.search.cross_validation import CascadeSearch, Topology
 from emsid.models.blocks.search.estimation import CascadeOptions, CascadeStructure
 from emsid.models.blocks.search.map_families import Family
-from emsid.models.blocks.search.topologies import CascadeSearch, Topology
 from emsid.models.blocks.static_maps import (
     STATIC_MAPS,
     Abs,

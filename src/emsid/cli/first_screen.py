@@ -21,8 +21,7 @@ from emsid.cli.terminal import (
     show,
     text_table,
 )
-from emsid.estimation.estimates import Status
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.estimation.estimates import HALF_WIDTH, Status
 from emsid.models.kinds import capabilities_of
 from emsid.report.document import Table
 from emsid.report.numbers import both_directions, less_than

@@ -184,7 +184,7 @@ def _with_half(value: float | None, half: float | None, digits: int) -> tuple[st
 
 def physical_table(fit: GreyBoxFit) -> Table:
     """A table of the parameters of a plant and, if some are not identifiable, of the identifiable combinations."""
-    from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+    from emsid.estimation.estimates import HALF_WIDTH
     from emsid.models.plants.search.result import Status
 
     rows: list[tuple[str, str, tuple[str, str], str, str]]
@@ -213,7 +213,7 @@ def half_width(row: Estimate) -> str:
 
 def _of_row(row: Estimate) -> tuple[str, str]:
     """The value of a parameter and half its interval, or the interval itself where it is not symmetric."""
-    from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+    from emsid.estimation.estimates import HALF_WIDTH
 
     if row.standard_error is None or not row.estimated:
         return f"{row.value:.5g}", half_width(row)
@@ -221,7 +221,7 @@ def _of_row(row: Estimate) -> tuple[str, str]:
 
 
 def _half(error: float | None) -> str:
-    from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+    from emsid.estimation.estimates import HALF_WIDTH
 
     return "" if not error or not isfinite(error) else f"{HALF_WIDTH * error:.2g}"
 

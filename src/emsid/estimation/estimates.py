@@ -1,10 +1,11 @@
-"""The rows of the table of a fit: what was found of every parameter, and where its value is from."""
+"""The rows of the table of a fit: what was found of every parameter, where its value is from, and its interval."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from statistics import NormalDist
 
 
 class Status(StrEnum):
@@ -98,3 +99,7 @@ def assumed_in(table: Sequence[Estimate], more: Iterable[str] = ()) -> tuple[Est
     """
     needed = {*(name for row in table for name in row.given), *more}
     return tuple(row for row in table if row.name in needed and row.status in BY_NOBODY and row.datasheet is None)
+
+
+HALF_WIDTH = NormalDist().inv_cdf(0.975)
+"""Half the width of a 95 % interval, in standard errors."""

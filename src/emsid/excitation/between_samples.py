@@ -1,4 +1,4 @@
-"""What the samples of an input show of its hold.
+"""What the samples of an input show of its hold, and whether they look like the duty of a PWM.
 
 An input that often repeats its value is held, as that of a digital output is. One that changes at every sample, and
 much from sample to sample, was not sampled from a continuous signal: half of its power would lie above a
@@ -41,3 +41,13 @@ def may_be_continuous(inputs: Sequence[Array]) -> bool:
     power = sum(len(u) * float(np.var(u)) for u in inputs)
     bends = sum(float(np.sum(np.diff(u, 2) ** 2)) for u in inputs)
     return bends < ROUGH * power
+
+
+FULL_DUTY = (100.0, 127.0, 255.0, 256.0, 400.0, 500.0, 511.0, 512.0, 999.0, 1000.0, 1023.0, 1024.0, 2047.0, 4095.0)
+"""Where commands of microcontrollers end: percent, and counts of timers."""
+
+
+def full_duty(command: Array) -> float:
+    """The limit at which a command (N,) of whole numbers ends, as a duty does; 0 where it is no such command."""
+    limit = float(np.max(np.abs(command), initial=0.0))
+    return limit if limit in FULL_DUTY and not np.any(command % 1.0) else 0.0

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, ModelError, listed
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.excitation import SIGNALS
 from emsid.experiment_design.information import Sensitivities, relative_errors
 from emsid.experiment_design.limits import Limits

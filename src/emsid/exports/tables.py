@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.exports.formats import Export, Files
 from emsid.models.blocks.fitting import static_band
 from emsid.validation.analysis import modes

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.rounding import quantisation, runs
+from emsid.estimation.uncertainty.rounding import quantisation, runs
 from emsid.first_look.levels import FEW, FEWEST_SAMPLES
 from emsid.first_look.names import ColumnQuantity, Meaning
 from emsid.io.options_by_column import unwrapped

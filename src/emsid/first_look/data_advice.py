@@ -15,8 +15,7 @@ import numpy as np
 from emsid.estimation.linear.least_squares import settles
 from emsid.estimation.uncertainty.whiteness import whiteness
 from emsid.excitation import largest_order, persistent_excitation_order
-from emsid.excitation.between_samples import jumps, may_be_continuous, repeats
-from emsid.excitation.duty import full_duty
+from emsid.excitation.between_samples import full_duty, jumps, may_be_continuous, repeats
 from emsid.excitation.periods import period_of
 from emsid.findings import Finding
 from emsid.first_look.dynamics import acts_in_its_own_row, correlation, feedback

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.rounding import runs
+from emsid.estimation.uncertainty.rounding import runs
 from emsid.findings import Finding
 from emsid.first_look.clock import Clock
 from emsid.first_look.columns import Column

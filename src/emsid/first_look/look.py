@@ -36,10 +36,9 @@ from emsid.first_look.names import ColumnQuantity, Meaning, meaning_of
 from emsid.first_look.responses import ANSWERED, SEEN, answers
 from emsid.first_look.roles import Roles, find_roles, with_responses
 from emsid.first_look.standstill import returns_to_zero
-from emsid.io.clocks import on_one_clock
 from emsid.io.columns import Columns, Excerpt, as_numbers, errors_of
 from emsid.io.edges import sources, with_edges
-from emsid.io.messages import numeric_columns, with_clocks_of_messages
+from emsid.io.messages import numeric_columns, on_one_clock, with_clocks_of_messages
 from emsid.io.other_files import with_other_files
 from emsid.io.reading import ParsedFile, parsed_file, read, read_columns, with_names_of
 from emsid.io.selection import MOST_SKIPPED

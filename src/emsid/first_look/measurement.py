@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.linear.filtering import spectrum
-from emsid.estimation.rounding import quantisation
+from emsid.estimation.uncertainty.rounding import quantisation
 from emsid.findings import Finding
 from emsid.first_look.columns import FEWEST_LEVELS
 from emsid.first_look.examined import Examined, is_position, units_of

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import fdtrc
 
-from emsid.estimation.frequency.periodic import best_linear
+from emsid.estimation.frequency import best_linear
 from emsid.estimation.linear.filtering import coherence, filtered, spectrum
 from emsid.estimation.uncertainty.coloured_residuals import MOST_POLES, autoregression
 from emsid.excitation.periods import period_of, settled_periods, whole_periods

@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.rounding import runs
+from emsid.estimation.uncertainty.rounding import runs
 from emsid.first_look.columns import Code, Column
 from emsid.first_look.levels import EXPLAINS, MOST, NAMED, PART, SAME, SAMPLES
 from emsid.first_look.names import ColumnQuantity, meaning

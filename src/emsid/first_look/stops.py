@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.estimation.rounding import quantisation
+from emsid.estimation.uncertainty.rounding import quantisation
 from emsid.findings import Finding
 from emsid.first_look.hanging import hanging
 from emsid.first_look.levels import FEW, PART

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.fleets.spread import Change, Outlier, Series, long_enough, reasons
 from emsid.fleets.verb import Fleet
 from emsid.fleets.work import FleetRow

@@ -19,9 +19,9 @@ import numpy as np
 
 from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit
 from emsid.estimation.threads import one_blas_thread
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.first_look.faults import without_faults
 from emsid.fleets.sources import BINARY, Batch, scan, scanned, time_number
 from emsid.identification.verdict import model_verdicts

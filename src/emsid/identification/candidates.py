@@ -23,16 +23,16 @@ from emsid.first_look.examined import is_position
 from emsid.first_look.hanging import hanging
 from emsid.first_look.names import ColumnQuantity, is_of_a_process, meaning
 from emsid.identification.regressions import OUTPUT_ERROR, REGRESSIONS, Armax, BoxJenkins, StateSpace
-from emsid.models.blocks.search.estimation import asked
-from emsid.models.blocks.search.map_families import SPLINE
-from emsid.models.blocks.search.sign_recovery import keeps_its_sign, may_be_rectified
-from emsid.models.blocks.search.topologies import (
+from emsid.models.blocks.search.cross_validation import (
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
     WIENER,
     WIENER_HAMMERSTEIN,
     Topology,
 )
+from emsid.models.blocks.search.estimation import asked
+from emsid.models.blocks.search.map_families import SPLINE
+from emsid.models.blocks.search.sign_recovery import keeps_its_sign, may_be_rectified
 from emsid.models.feedback.search.estimation import FeedbackStructure
 from emsid.models.feedback.search.trials import FeedbackSearch
 from emsid.models.plants.by_name import names_had

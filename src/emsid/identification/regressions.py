@@ -8,6 +8,10 @@ Linear models with a noise model as candidates: ARMAX, Box–Jenkins and state s
 Orders that are not given are chosen from one triangular factor each: those of ARMAX and of the noise of Box–Jenkins by
 the criterion of Schwarz, those of the input part of Box–Jenkins as for an output-error model, and the order of a state
 space from its singular values.
+
+**Coordinate search.** A full grid over five choices takes thousands of fits. Optimising one choice at a time, in a few
+rounds, takes dozens and rarely gives another result. Values are listed from simple to complex; the simplest one that is
+as good as the best is chosen.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from itertools import product
+from itertools import chain, product, repeat
 from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
 
@@ -45,7 +49,6 @@ from emsid.models.regression.term_selection import about_dictionary, select_term
 from emsid.models.regression.transforms import Transform
 from emsid.options import Options
 from emsid.record import Record
-from emsid.selection.coordinate_search import coordinate_search
 from emsid.selection.improvement import STRETCHES, StretchErrors, better
 
 BEGUN_AGAIN = 20_000
@@ -427,3 +430,45 @@ class StateSpace:
         control.doing("fitting")
         order = options.orders[0] if options.orders else None
         return fit_state_space(state_space(order, direct=True), record, free_run=True, control=control)
+
+
+# --- coordinate search ------------------------------------------------------------------------------------------------
+
+ROUNDS = 2
+"""Passes over all names."""
+
+
+def coordinate_search(
+    error: Callable[[Mapping[str, int]], StretchErrors],
+    choices: Mapping[str, Sequence[int]],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, int]:
+    """Choose a value for every name, one name at a time, so that the free-run error is small.
+
+    Args:
+        error: of the free run of a model with these choices on unseen data; may be infinite.
+        choices: the allowed values of every name, from simple to complex; the search starts in the middle.
+        progress: called with the number of errors that are known, and their number in all.
+
+    Returns:
+        The chosen value of every name.
+    """
+    known: dict[tuple[int, ...], StretchErrors] = {}
+
+    def error_of(choice: Mapping[str, int]) -> StretchErrors:
+        key = tuple(choice.values())
+        if key not in known:
+            known[key] = error(choice)
+        return known[key]
+
+    chosen = {name: values[len(values) // 2] for name, values in choices.items()}
+    total, done = ROUNDS * sum(map(len, choices.values())), 0
+    for name in chain.from_iterable(repeat(choices, ROUNDS)):
+        errors = []
+        for value in choices[name]:
+            errors.append(error_of({**chosen, name: value}))
+            done += 1
+            progress(done, total)
+        best = min(errors, key=lambda each: each.mean)
+        chosen[name] = next(v for v, e in zip(choices[name], errors, strict=True) if e is best or not better(best, e))
+    return chosen

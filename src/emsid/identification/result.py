@@ -20,15 +20,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from emsid.estimation.borders import border, collected
-from emsid.estimation.estimates import Estimate, Status
+from emsid.estimation.estimates import HALF_WIDTH, Estimate, Status
 from emsid.estimation.fit import Fit
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding, plain
 from emsid.identification.evidence import next_steps, verdicts
 from emsid.identification.ranking import FrontRow, Ranked, front_rows
 from emsid.identification.verdict import OF_SENSORS, experiment, recommendation
+from emsid.models.bands import BandedCurve, banded_curve, output_of
 from emsid.models.characteristics import Characteristic
-from emsid.models.curves import BandedCurve, banded_curve, output_of
 from emsid.models.kinds import capabilities_of
 from emsid.presentation import Presented
 from emsid.record import Record, concatenate

@@ -14,7 +14,7 @@ from typing import Any
 from emsid.errors import FormatError
 from emsid.io.columns import Columns
 from emsid.io.files import read_bytes
-from emsid.io.packing import Packed, parsed_by, unpacked
+from emsid.io.sandbox import Packed, parsed_by, unpacked
 
 LOGS = (".log", ".asc", ".blf", ".trc")
 """The suffixes of logs."""

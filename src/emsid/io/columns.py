@@ -1,4 +1,10 @@
-"""The result of every reader: the columns of a file, and information about the rest of it for messages."""
+"""The result of every reader: the columns of a file, and information about the rest of it for messages.
+
+**Cells that hold several numbers** become columns of their own. A list or array of n numbers in every row becomes
+``name_1`` … ``name_n``, as a matrix does, and a table in a cell ``name.field``.
+
+A data frame is given the same form.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +26,19 @@ from emsid.units import SI, called, known_unit, name_and_unit
 if TYPE_CHECKING:
     import polars as pl
 
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+from typing import TYPE_CHECKING
+
+from emsid.record.frames import column_names, numbers
+
+if TYPE_CHECKING:
+    import polars as pl
 
 MOST_SHOWN = 60
 """Characters of a damaged line that a message shows."""
@@ -290,3 +309,89 @@ def _plain(values: NDArray[np.generic]) -> NDArray[np.generic]:
     if values.dtype.kind == "f":
         return values.astype(np.float64, copy=False)
     return values.astype(values.dtype.newbyteorder("="), copy=False)
+
+
+# --- cells that hold several numbers ----------------------------------------------------------------------------------
+
+MOST_VALUES = 1_000
+"""A longer list in a cell is a signal or a picture, and no row of channels."""
+DEEPEST = 4
+"""Tables and lists inside so many others are not read."""
+
+
+def flat(frame: pl.DataFrame) -> tuple[dict[str, pl.Series], dict[str, str]]:
+    """The columns of a frame without nested values, and why other columns are none.
+
+    Args:
+        frame: of any types.
+    """
+    series: dict[str, pl.Series] = {}
+    others: dict[str, str] = {}
+    waiting = [(column, 0) for column in reversed(frame.get_columns())]
+    while waiting:
+        column, depth = waiting.pop()
+        if not column.dtype.is_nested():
+            series[column.name] = column
+            continue
+        parts = "lists or tables inside others" if depth == DEEPEST else _parts(column)
+        if isinstance(parts, str):
+            others[column.name] = parts
+        else:
+            waiting += [(part, depth + 1) for part in reversed(parts)]
+    return series, others
+
+
+def _parts(column: pl.Series) -> list[pl.Series] | str:
+    """The columns that a nested one is made of, or the reason why it is none."""
+    import polars as pl
+
+    if isinstance(column.dtype, pl.Struct):
+        table = column.struct.unnest()
+        return [table[field].alias(f"{column.name}.{field}") for field in table.columns]
+    if isinstance(column.dtype, pl.Array):
+        column = column.arr.to_list()
+    lengths = column.list.len().drop_nulls().unique().to_list()
+    if len(lengths) != 1:
+        return "lists of different lengths" if lengths else "empty"
+    length = int(lengths[0])
+    if not 0 < length <= MOST_VALUES:
+        return f"lists of {length:,} values" if length else "empty lists"
+    return [column.list.get(k).alias(f"{column.name}_{k + 1}") for k in range(length)]
+
+
+# --- data frames ------------------------------------------------------------------------------------------------------
+
+INDEX = "time"
+"""The name of the column that an index without a name becomes."""
+
+
+def columns_of_frame(frame: Any) -> Columns:
+    """The columns of a pandas frame, a Polars frame or a dictionary of arrays; an index that is no row number is one.
+
+    Raises:
+        DataError: for something without columns.
+    """
+    found = {str(name): _series(str(name), frame[name], frame) for name in column_names(frame)}
+    index = getattr(frame, "index", None)
+    if index is not None and not callable(index) and type(index).__name__ != "RangeIndex":
+        name = str(getattr(index, "name", None) or INDEX)
+        if name not in found:
+            found = {name: _series(name, index, {name: index}), **found}
+    if not found:
+        raise DataError("there is no column in this frame")
+    return Columns(found)
+
+
+def _series(name: str, values: Any, frame: Any) -> pl.Series:
+    """A column as numbers, times or texts."""
+    import polars as pl
+
+    if isinstance(values, pl.Series):
+        return values
+    if str(getattr(values, "dtype", "")).lower().startswith(("datetime", "timedelta")):
+        kind = "datetime64[ns]" if "date" in str(values.dtype).lower() else "timedelta64[ns]"
+        return pl.Series(name, np.asarray(values, dtype=kind))
+    try:
+        return pl.Series(name, numbers(frame, [name])[:, 0]).fill_nan(None)
+    except DataError:
+        return pl.Series(name, [text if isinstance(text, str) else None for text in values], dtype=pl.String)

@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import FormatError
-from emsid.io.columns import Columns
+from emsid.io.columns import DEEPEST, Columns
 from emsid.io.files import looks_like
-from emsid.io.nested import DEEPEST
-from emsid.io.packing import Packed
+from emsid.io.sandbox import Packed
 
 ULOG, SYNC = b"ULog\x01\x12\x35", bytes.fromhex("2f731320250cbb12")
 """The first bytes of a ULog file, and those of its messages that mark a place after which reading can begin again."""

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from emsid.errors import FormatError
-from emsid.io.columns import Columns, from_arrays
+from emsid.io.columns import Columns, flat, from_arrays
 from emsid.io.cut_off import marked, without_cut_line
-from emsid.io.nested import flat
 from emsid.io.sampling import entry_with_sample_time
 from emsid.io.table import read_table
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from io import BytesIO
 
-from emsid.io.packing import Packed, read_by
+from emsid.io.sandbox import Packed, read_by
 
 
 def parsed(content: bytes) -> bytes:

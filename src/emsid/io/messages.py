@@ -6,6 +6,8 @@ every message.
 Loggers and databases export tables with a row for every value of every signal (``time,signal,value``). Such a table
 becomes one with a row for every time and a column for every signal. Signals that were logged at times of their own have
 missing values in between, as in a table with a row for every message.
+
+`on_one_clock` resamples columns to the times of one of them.
 """
 
 from __future__ import annotations
@@ -24,6 +26,9 @@ from emsid.io.columns import Columns, as_numbers
 if TYPE_CHECKING:
     import polars as pl
 
+
+from emsid.errors import DataError
+from emsid.record.time_axis import held_at
 
 _VALUE = re.compile(r"_?(val(ue)?|wert|messwert|reading)s?(?![a-z])", re.IGNORECASE)
 _NAME = re.compile(r"_?(signal|name|variable|channel|tag|field|sensor|parameter|metric|topic|kanal)", re.IGNORECASE)
@@ -142,3 +147,40 @@ def _apart(known: dict[str, NDArray[np.bool_]], used: Collection[str]) -> bool:
         for (a, first), (b, second) in combinations(kinds.values(), 2)
         if first or second
     )
+
+
+# --- one clock --------------------------------------------------------------------------------------------------------
+
+
+def on_one_clock(columns: Columns, clock: str, held: Collection[str]) -> Columns:
+    """All columns at the times of one clock, as far as each has times there.
+
+    Args:
+        columns: where each column may have a clock of its own.
+        clock: the time column to bring them to.
+        held: columns that keep their value until the next one, such as commands; others are interpolated linearly.
+
+    Raises:
+        DataError: where the columns have no time in common.
+    """
+    import polars as pl
+
+    others = {name: each for name, each in columns.clocks.items() if each != clock and name != each}
+    if not others:
+        return columns
+    times = as_numbers(columns.series[clock])
+    own = {each: as_numbers(columns.series[each]) for each in set(others.values())}
+    first, last = max(t[0] for t in own.values()), min(t[-1] for t in own.values())
+    inside = (times >= first) & (times <= last)
+    if not inside.any():
+        raise DataError(f"the columns have no time in common with {clock!r}; take columns of one recording")
+    series = {}
+    step = float(np.median(np.diff(times[inside]))) if np.count_nonzero(inside) > 1 else 0.0
+    for name, values in columns.series.items():
+        if name in others:
+            t, x = own[others[name]], as_numbers(values)
+            at = held_at(t, times[inside], step)
+            series[name] = pl.Series(name, x[at] if name in held else np.interp(times[inside], t, x))
+        elif columns.clocks.get(name) == clock:
+            series[name] = values.filter(pl.Series(inside))
+    return replace(columns, series=series, clocks=dict.fromkeys(series, clock), lines=None)

@@ -1,4 +1,4 @@
-"""Parquet files, parsed in a process of their own (see `emsid.io.sandbox`)."""
+"""Parquet, Arrow and Feather files, parsed in a process of their own (see `emsid.io.sandbox`)."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from emsid.errors import FormatError
-from emsid.io.columns import UNITS, Columns, units_as_json, units_from_json
+from emsid.io.columns import UNITS, Columns, flat, units_as_json, units_from_json
 from emsid.io.files import looks_like
 from emsid.io.large import LargeScan, scanned
-from emsid.io.nested import flat
 from emsid.io.sandbox import in_sandbox
 
 if TYPE_CHECKING:
     import polars as pl
+
 
 _MAGIC = b"PAR1"
 _DAMAGED = "this Parquet file is damaged or cut off; copy or write it again"
@@ -49,7 +49,7 @@ def large_parquet(path: Path) -> LargeScan | None:
 
 
 def columns_of(frame: pl.DataFrame, units: Mapping[str, str]) -> Columns:
-    """The columns of a frame that hold numbers, text or times, or lists of them; see `emsid.io.nested`."""
+    """The columns of a frame that hold numbers, text or times, or lists of them; see `emsid.io.columns`."""
     import polars as pl
 
     series, others = flat(frame)
@@ -73,3 +73,41 @@ def parsed(content: bytes) -> bytes:
     result = BytesIO()
     pl.read_parquet(BytesIO(content)).write_ipc(result)
     return units_as_json(units).encode(errors="replace") + b"\n" + result.getvalue()
+
+
+# --- Arrow and Feather ----------------------------------------------------------------------------------------------
+
+_ARROW = b"ARROW1"
+
+
+def read_arrow(content: bytes) -> Columns:
+    """The columns of an Arrow or Feather file (version 2) that hold numbers, text or times.
+
+    Raises:
+        FormatError: for content that is no Arrow file, or a damaged one.
+    """
+    import polars as pl
+
+    if not content.startswith(_ARROW):
+        raise FormatError(f"this is not an Arrow file; it looks like {looks_like(content)}: give it its right suffix")
+    damaged = "this Arrow file is damaged or cut off; copy or write it again"
+    return columns_of(pl.read_ipc(BytesIO(in_sandbox(parsed_arrow, content, damaged))), {})
+
+
+def large_arrow(path: Path) -> LargeScan | None:
+    """The table in an Arrow file, after a pass over it; None where it fits into memory, or is damaged."""
+    import polars as pl
+
+    try:
+        return scanned(path, pl.scan_ipc, columns_of, {})
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError):
+        return None
+
+
+def parsed_arrow(content: bytes) -> bytes:
+    """The table without compression, for the process that parses it."""
+    import polars as pl
+
+    result = BytesIO()
+    pl.read_ipc(BytesIO(content)).write_ipc(result)
+    return result.getvalue()

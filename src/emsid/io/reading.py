@@ -25,29 +25,25 @@ from numpy.typing import NDArray
 
 from emsid.errors import DataError, FormatError
 from emsid.findings import Finding
-from emsid.io.arrow import large_arrow, read_arrow
 from emsid.io.axes import with_axes
 from emsid.io.can import read_can, without_database
-from emsid.io.clocks import on_one_clock
-from emsid.io.columns import Columns, errors_of
+from emsid.io.columns import Columns, columns_of_frame, errors_of
 from emsid.io.edges import with_edges
 from emsid.io.files import gunzipped, is_large, looks_like, read_bytes
 from emsid.io.flight import read_dataflash, read_ulog
-from emsid.io.frames import columns_of_frame
 from emsid.io.json_file import read_json, read_json_lines
 from emsid.io.large import BLOCK, LargeTable, check_wide, columns_in, excerpt
-from emsid.io.mask import OVER_ALL_ROWS
 from emsid.io.mat import read_mat
 from emsid.io.mdf import read_mdf
-from emsid.io.messages import one_column_per_signal, with_clocks_of_messages
+from emsid.io.messages import on_one_clock, one_column_per_signal, with_clocks_of_messages
 from emsid.io.npz import read_npz
 from emsid.io.options_by_column import check_options, check_window, continuous, derivative, shifted, surplus_units
 from emsid.io.other_files import about_files, with_other_files
-from emsid.io.parquet import large_parquet, read_parquet
+from emsid.io.parquet import large_arrow, large_parquet, read_arrow, read_parquet
 from emsid.io.regular_table import LARGE
 from emsid.io.ros import archived, is_bag_folder, read_bag, read_bag_folder, read_mcap
 from emsid.io.sampling import SampleTime, about_sample_time, sampled
-from emsid.io.selection import NothingLeft, check_column, select
+from emsid.io.selection import OVER_ALL_ROWS, NothingLeft, check_column, select
 from emsid.io.spreadsheet import read_spreadsheet
 from emsid.io.table import large_text, read_table
 from emsid.io.tdms import read_tdms

@@ -17,9 +17,9 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from emsid.io.columns import MOST_VALUES
 from emsid.io.files import read_bytes
-from emsid.io.nested import MOST_VALUES
-from emsid.io.packing import Packed, read_by
+from emsid.io.sandbox import Packed, read_by
 
 DESCRIPTION, DATABASES = "metadata.yaml", (".db3", ".mcap")
 """The file that describes a bag of ROS 2, and the suffixes of those with its messages."""

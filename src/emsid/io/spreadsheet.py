@@ -12,7 +12,7 @@ from zipfile import BadZipFile, ZipFile
 from emsid.errors import FormatError
 from emsid.io.columns import Columns
 from emsid.io.files import check_expansion
-from emsid.io.packing import parsed_by
+from emsid.io.sandbox import parsed_by
 from emsid.io.table import read_table
 
 if TYPE_CHECKING:

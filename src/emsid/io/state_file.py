@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 
 from emsid.errors import EmsidError, FormatError
-from emsid.estimation.linear.recursive_state import RecursiveState
+from emsid.estimation.linear.recursive import RecursiveState
 from emsid.io.files import atomic_write, read_bytes
 from emsid.io.limits import check_limits
 from emsid.models.regression.narx import Structure

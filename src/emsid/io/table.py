@@ -12,6 +12,9 @@ rows of a table. Boards print a label before each value, so that a plotter can n
 Monitors print the time of day and an arrow before each line, logs a time, a level and the name of a part. The labels
 become the header, and the time becomes the first column. Rows of a list, ``[0.01, 12.0, 3.4]``, and of a matrix lose
 their brackets.
+
+**Labelled lines.** Measuring systems write ``Channel name,Force,Speed`` and ``Unit,N,m/s`` above the data, each with
+its label in the first cell, or before every channel. The column under the label holds the times.
 """
 
 from __future__ import annotations
@@ -32,7 +35,6 @@ from emsid.io.cells import MARK, cells_of, has_unit, is_missing, is_number, pars
 from emsid.io.columns import Columns, DamagedRow
 from emsid.io.cut_off import marked, without_cut_line
 from emsid.io.files import looks_like
-from emsid.io.labels import labelled
 from emsid.io.regular_table import AT_ONCE, LargeText, check_lines, check_size, read_regular
 from emsid.units import known_unit
 
@@ -41,8 +43,16 @@ LAST_LINES = 100
 
 
 _BRACKETED = re.compile(r"\(.*\)|\[.*\]|\{.*\}")
+# --- labelled lines ---------------------------------------------------------------------------------------------------
+
 TIME = "time"
-"""The name of the column with the times before an arrow."""
+"""The name of the column with the times before an arrow, and of the one under labels."""
+_MOST_LABELS = 20
+"""Header lines above the data that are searched."""
+_NAME_LABELS = re.compile(
+    r"(channel|signal|column|variable|kanal)?[ _]?names?|channels?|signals?|kan(al|äle)", re.IGNORECASE
+)
+_UNIT_LABELS = re.compile(r"(y_)?units?([ _](labels?|strings?|symbols?))?|einheit(en)?|dimensions?", re.IGNORECASE)
 _BROKEN = re.compile(r'(?:(?<=[,;\t\n])|^)"((?:[^"]|""){0,200})"(?=[ ]*(?:[,;\t\n]|$))')
 _BREAK = "\v"
 """Stands for a line break in a quoted cell until the lines are counted."""
@@ -513,3 +523,32 @@ def _labelled(text: str) -> list[re.Match[str]]:
 
 def _labels(row: Sequence[re.Match[str]]) -> tuple[str, ...]:
     return tuple(found["label"] for found in row)
+
+
+def labelled(texts: Sequence[str], start: int, width: int) -> tuple[int, list[str], list[str]] | None:
+    """The first of such lines, the names and the units; None where there are none.
+
+    Args:
+        texts: the lines, with marks between cells.
+        start: the first line with data.
+        width: the number of its cells.
+    """
+    found: dict[re.Pattern[str], tuple[int, list[str]]] = {}
+    for k in range(start - 1, max(start - 1 - _MOST_LABELS, -1), -1):
+        cells = cells_of(texts[k])[:width]
+        label = next((each for each in (_NAME_LABELS, _UNIT_LABELS) if each.fullmatch(cells[0].rstrip(": "))), None)
+        if label is not None and label not in found and len(cells) == width and not any(map(is_number, cells)):
+            found[label] = k, cells
+    first = cells_of(texts[start])[0]
+    if _NAME_LABELS not in found or not (is_number(first) or is_missing(first)):
+        return None
+    at, names = found[_NAME_LABELS]
+    _, units = found.get(_UNIT_LABELS, (at, [""] * width))
+    times = [k for k, name in enumerate(names) if name == names[0]]
+    if len(times) == 1 and _UNIT_LABELS not in found:  # a table with a column that is called so
+        return None
+    return (
+        at,
+        [TIME if k in times else name for k, name in enumerate(names)],
+        ["" if k in times else unit for k, unit in enumerate(units)],
+    )

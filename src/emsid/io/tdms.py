@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emsid.io.packing import Packed, read_by
+from emsid.io.sandbox import Packed, read_by
 
 
 def parsed(content: bytes) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from emsid.io.packing import Packed, read_by
+from emsid.io.sandbox import Packed, read_by
 
 HEADER = 12
 """Bytes before an additional header: the name of the format, its version, and the length of that header."""

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.estimation.borders import border, tried
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.change_detection import ChangeDetector
-from emsid.estimation.linear.recursive import RecursiveLeastSquares
-from emsid.estimation.linear.recursive_state import RecursiveState
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.estimation.linear.recursive import RecursiveLeastSquares, RecursiveState
 from emsid.models.model import Model
 from emsid.models.regression.figures import of_regression
 from emsid.models.regression.narx import Narx

@@ -18,10 +18,9 @@ from emsid.errors import ModelError
 from emsid.estimation.estimates import Estimate
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding
-from emsid.models.bands import Band, banded
+from emsid.models.bands import Band, BandedCurve, banded, banded_curve, input_of, output_of
 from emsid.models.c_form import CForm
 from emsid.models.characteristics import Characteristic
-from emsid.models.curves import BandedCurve, banded_curve, input_of, output_of
 from emsid.models.linear.system import LinearSystem
 from emsid.models.refit_data import Budget, Data
 from emsid.models.steady_state import settled

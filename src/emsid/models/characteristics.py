@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.record import Record
 from emsid.units import per_unit
 

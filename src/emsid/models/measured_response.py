@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from emsid.arguments import as_names
 from emsid.errors import DataError, listed
-from emsid.estimation.frequency.arbitrary import NEIGHBOURS, half_width, local_polynomials, shared, welch
-from emsid.estimation.frequency.periodic import best_linear
+from emsid.estimation.frequency import NEIGHBOURS, best_linear, half_width, local_polynomials, shared, welch
 from emsid.excitation.periods import period_of, settled_periods, whole_periods
 from emsid.record import Record
 from emsid.record.frequency_response import FrequencyResponse

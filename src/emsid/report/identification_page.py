@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from emsid.errors import listed
 from emsid.estimation.borders import border, collected
-from emsid.estimation.estimates import INCLUDES_ZERO
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.estimation.estimates import HALF_WIDTH, INCLUDES_ZERO
 from emsid.identification.result import Identification
 from emsid.identification.verdict import NO_INPUT
 from emsid.models.characteristics import Characteristic

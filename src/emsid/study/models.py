@@ -15,8 +15,8 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.excitation import sines
 from emsid.identification.candidates import CANDIDATES
 from emsid.identification.regressions import stribeck_speeds
+from emsid.models.blocks.search.cross_validation import WIENER_HAMMERSTEIN, CascadeSearch
 from emsid.models.blocks.search.estimation import estimate as estimate_cascade
-from emsid.models.blocks.search.topologies import WIENER_HAMMERSTEIN, CascadeSearch
 from emsid.models.plants.motor import DrivenMotor
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import GreyBoxFit

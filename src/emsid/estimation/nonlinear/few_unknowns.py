@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.gauss_newton import MOST_DAMPING, ROUNDING
-from emsid.estimation.nonlinear.losses import SQUARES
-from emsid.estimation.nonlinear.problem import Block, Problem, trial_cost
+from emsid.estimation.nonlinear.problem import SQUARES, Block, Problem, trial_cost
 from emsid.estimation.nonlinear.steps import least_squares_step, promised, relative_offset
 
 Array = NDArray[np.float64]

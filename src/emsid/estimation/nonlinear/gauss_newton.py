@@ -70,14 +70,15 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending
 from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
-from emsid.estimation.nonlinear.losses import SQUARES, Loss
 from emsid.estimation.nonlinear.minimum import Minimum, covariance_matrices, undetermined
 from emsid.estimation.nonlinear.problem import (
+    SQUARES,
     Array,
     Block,
     Indices,
     Infeasible,
     Linearised,
+    Loss,
     Problem,
     cost,
     linearised,

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.information import Information, Solution, inverse_triangle
-from emsid.estimation.nonlinear.losses import Loss
-from emsid.estimation.nonlinear.problem import Block, Indices
+from emsid.estimation.nonlinear.problem import Block, Indices, Loss
 from emsid.estimation.nonlinear.smoothing import Penalty
 from emsid.estimation.uncertainty.robust_covariance import long_run_variance
 from emsid.findings import Finding

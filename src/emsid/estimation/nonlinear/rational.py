@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
-from emsid.estimation.frequency.arbitrary import from_powers, welch
-from emsid.estimation.frequency.periodic import EXCITED
+from emsid.estimation.frequency import EXCITED, from_powers, welch
 from emsid.estimation.linear.filtering import is_stable
 from emsid.estimation.linear.information import Information
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton

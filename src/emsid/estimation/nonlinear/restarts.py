@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.losses import SQUARES
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Problem, trial_cost
+from emsid.estimation.nonlinear.problem import SQUARES, Problem, trial_cost
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.findings import Finding
-from emsid.models.bands import POINTS, Band
+from emsid.models.bands import POINTS, Band, BandedCurve, banded_curve
 from emsid.models.blocks import fitting
 from emsid.models.blocks.cascade import Cascade
 from emsid.models.blocks.filters import Rational
@@ -28,7 +28,6 @@ from emsid.models.blocks.stepping import CascadeStepper
 from emsid.models.c_form import SHIFT, CForm, entering, map_tables, number
 from emsid.models.capabilities import Capabilities, MapInUse, Modes
 from emsid.models.characteristics import Characteristic, by_estimate, gain_unit, modes
-from emsid.models.curves import BandedCurve, banded_curve
 from emsid.models.linear.state_space import observer_form
 from emsid.models.linear.system import LinearSystem
 from emsid.models.refit_data import Budget, Data
@@ -257,7 +256,7 @@ class OfCascades(Capabilities[Cascade]):
         return of_cascade(fit, record)
 
     def advice(self, fit: Fit[Cascade], record: Record) -> tuple[Finding, ...]:
-        from emsid.models.blocks.search.diagnostics import advice
+        from emsid.models.blocks.search.estimation import advice
 
         return advice(fit, record)
 

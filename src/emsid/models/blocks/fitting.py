@@ -23,9 +23,8 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.nonlinear.losses import SQUARES, Loss, Squares
 from emsid.estimation.nonlinear.minimum import Minimum, undetermined
-from emsid.estimation.nonlinear.problem import Columns, LastRun, SparseProblem
+from emsid.estimation.nonlinear.problem import SQUARES, Columns, LastRun, Loss, SparseProblem, Squares
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.estimation.nonlinear.without_samples import Mask, without

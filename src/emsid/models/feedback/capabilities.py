@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
-from emsid.models.bands import POINTS
+from emsid.models.bands import POINTS, BandedCurve, banded_curve
 from emsid.models.c_form import SHIFT, CForm, entering, map_tables, number, total
 from emsid.models.capabilities import Capabilities, MapInUse
-from emsid.models.curves import BandedCurve, banded_curve
 from emsid.models.feedback import curves, fitting
 from emsid.models.feedback.map_bands import map_band
 from emsid.models.feedback.model import FeedbackModel

@@ -1,4 +1,8 @@
-"""What linear models of several kinds can do; see `emsid.models.capabilities`."""
+"""What linear models of several kinds can do; see `emsid.models.capabilities`.
+
+Sample by sample, and in C, a model runs in its state-space form. With the innovation e = y − ŷ of the last sample,
+`correct` adds K·e to the state: the prediction of the innovations form.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +11,19 @@ from math import isfinite
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from emsid.errors import ModelError
+from emsid.estimation.compiled import read_only
 from emsid.estimation.fit import Fit
-from emsid.models.c_form import CForm
+from emsid.models.c_form import CForm, number, total
 from emsid.models.capabilities import Capabilities, Modes
 from emsid.models.characteristics import Characteristic, gain_unit, modes
-from emsid.models.linear.c_form import c_form
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.process_model import ProcessModel, ProcessStructure, fit_process
 from emsid.models.linear.response_state_space import fit_to_response
-from emsid.models.linear.state_space import StateSpaceModel
-from emsid.models.linear.stepping import LinearStepper
+from emsid.models.linear.state_space import StateSpaceModel, run_in_place
 from emsid.models.linear.subspace_fit import StateSpaceStructure, fit_state_space
 from emsid.models.linear.system import LinearSystem
 from emsid.models.linear.transfer_function import (
@@ -183,3 +187,67 @@ def _characteristics(
     found = [Characteristic("gain", float(gain[0, 0]), None, gain_unit(record), fit.model.name)]
     found += modes(make, lambda poles: poles, poles, record.dt)
     return tuple(each for each in found if isfinite(each.value))
+
+
+def c_form(stepper: LinearStepper) -> CForm:
+    """The form in C of a linear model, from where its stepper is; the free run, without the model of its noise."""
+    form, state = stepper.form, stepper.state
+    rows = [(f"y[{k}]", form.c[k], form.d[k], float(form.level[k])) for k in range(len(form.level))]
+    after = [(f"after[{k}]", form.a[k], form.b[k], 0.0) for k in range(len(state))]
+    lines = [f"    {name} = {_row(x, u, level)};" for name, x, u, level in (*rows, *after)]
+    if len(state):
+        lines.insert(0, f"    real after[{len(state)}];")
+        lines += [f"    s->x[{k}] = after[{k}];" for k in range(len(state))]
+    return CForm(form.b.shape[1], len(form.level), (("x", state),), "\n".join(lines) + "\n")
+
+
+def _row(x: object, u: object, level: float) -> str:
+    terms = [f"{number(value)} * s->x[{k}]" for k, value in enumerate(x) if value]  # type: ignore[arg-type, var-annotated]
+    terms += [f"{number(value)} * u[{k}]" for k, value in enumerate(u) if value]  # type: ignore[arg-type, var-annotated]
+    return total([*terms, number(level)] if level else terms)
+
+
+# --- sample by sample, and in C ---------------------------------------------------------------------------------------
+
+
+class LinearStepper(Stepper):
+    """A linear model in state space."""
+
+    __slots__ = ("_begun", "_form", "_input", "_level", "_matrices", "_output", "_x")
+
+    def __init__(self, model: Any, state: Array) -> None:
+        """
+        Args:
+            model: a `StateSpaceModel`, or one with such a ``form``.
+            state: (n,) where it begins.
+        """
+        form = model if isinstance(model, StateSpaceModel) else model.form
+        super().__init__(model, form.b.shape[1], len(form.level))
+        self._form = form
+        self._matrices = (read_only(form.a), read_only(form.b), read_only(form.c), read_only(form.d))
+        self._x, self._level, self._begun = np.array(state, dtype=float), form.level, False
+        self._input, self._output = read_only(self._u[None, :]), self._y[None, :]
+
+    def _advance(self) -> None:
+        run_in_place(*self._matrices, self._x, self._input, self._output)
+        self._y += self._level
+        self._begun = True
+
+    @property
+    def form(self) -> StateSpaceModel:
+        """The model in state space."""
+        return self._form
+
+    @property
+    def state(self) -> Array:
+        """(n,) the present state."""
+        return self._x.copy()
+
+    def correct(self, y: ArrayLike) -> None:
+        """Take the measured output of the last sample; see `Stepper.correct`."""
+        if not self._begun:
+            raise ModelError(f"{self.model.name}: correct takes the output of the last step; call step first")
+        if not self._form.k.any():
+            super().correct(y)
+        self._x += self._form.k @ (np.broadcast_to(np.asarray(y, dtype=float), self._y.shape) - self._y)
+        self._begun = False  # an output is taken once

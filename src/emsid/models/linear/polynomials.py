@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
-from emsid.models.linear.state_space import StateSpaceModel, observer_form
-from emsid.models.linear.through_state_space import ThroughStateSpace
+from emsid.models.linear.state_space import StateSpaceModel, ThroughStateSpace, observer_form
 from emsid.models.terms import check_whole, sum_of_terms
 from emsid.record import Record
 

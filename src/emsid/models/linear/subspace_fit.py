@@ -38,9 +38,8 @@ from emsid.estimation.linear.subspace import (
 from emsid.estimation.linear.vector_fitting import fitted_poles, most_pairs, without_poles
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.nonlinear.losses import SQUARES
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Block, Columns, Infeasible, SparseProblem, trial_cost
+from emsid.estimation.nonlinear.problem import SQUARES, Block, Columns, Infeasible, SparseProblem, trial_cost
 from emsid.estimation.nonlinear.without_samples import Mask
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.record import Record, check_same_channels

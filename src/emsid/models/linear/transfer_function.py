@@ -34,9 +34,8 @@ from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.rational import fit_rational
 from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.models.linear.mixed_problem import LinearProblem
-from emsid.models.linear.state_space import StateSpaceModel
+from emsid.models.linear.state_space import StateSpaceModel, ThroughStateSpace, as_form
 from emsid.models.linear.system import LinearSystem
-from emsid.models.linear.through_state_space import ThroughStateSpace, as_form
 from emsid.models.measured_response import frequency_response
 from emsid.models.terms import check_whole, with_known
 from emsid.record import FrequencyResponse, Record

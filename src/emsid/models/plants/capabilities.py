@@ -15,11 +15,10 @@ from emsid.estimation.estimates import Estimate
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.findings import Finding
-from emsid.models.bands import Band
+from emsid.models.bands import Band, BandedCurve, Quantity
 from emsid.models.c_form import CForm
 from emsid.models.capabilities import Capabilities
 from emsid.models.characteristics import Characteristic
-from emsid.models.curves import BandedCurve, Quantity
 from emsid.models.linear.system import LinearSystem
 from emsid.models.plants.c_form import c_form
 from emsid.models.plants.datasheet import applicable

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
-from emsid.excitation.duty import full_duty
+from emsid.excitation.between_samples import full_duty
 from emsid.findings import Finding
 from emsid.models.free_run import RunMethods, continued
 from emsid.models.linear_parts import python_control

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.models.c_form import SHIFT, CForm, number
+from emsid.models.regression.kernels import Recursion, advance_one, recursion
 from emsid.models.regression.narx import Narx, Structure
-from emsid.models.regression.recursion import Recursion, advance_one, recursion
 from emsid.models.regression.regressors import Factor, Regressor
 from emsid.models.regression.transforms import Transform
 from emsid.models.stepping import Stepper

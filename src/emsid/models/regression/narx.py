@@ -29,8 +29,16 @@ from emsid.estimation.nonlinear.problem import Block, Infeasible
 from emsid.models.free_run import RunMethods
 from emsid.models.linear_parts import python_control
 from emsid.models.model import levels
-from emsid.models.regression.kernels import add_regression, fill, fill_rounding
-from emsid.models.regression.recursion import Recursion, predict_ahead, recursion, run_freely, weigh
+from emsid.models.regression.kernels import (
+    Recursion,
+    add_regression,
+    fill,
+    fill_rounding,
+    predict_ahead,
+    recursion,
+    run_freely,
+    weigh,
+)
 from emsid.models.regression.regressors import Regressor, Tables, parse_regressor, tables
 from emsid.models.regression.sensitivities import Parts, largest_output_lag, parts, run_with_derivative
 from emsid.record import Record

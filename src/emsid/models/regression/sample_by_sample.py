@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.compiled import njit
-from emsid.estimation.linear.recursive import RecursiveLeastSquares
+from emsid.estimation.linear.recursive import RecursiveLeastSquares, RecursiveState
 from emsid.estimation.linear.recursive_kernels import update
-from emsid.estimation.linear.recursive_state import RecursiveState
 from emsid.models.regression.kernels import fill
 from emsid.models.regression.narx import Narx
 from emsid.models.regression.regressors import Integers, Tables

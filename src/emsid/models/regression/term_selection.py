@@ -1,12 +1,11 @@
 r"""Terms of a structure selected by their error reduction ratio one step ahead, from a dictionary of any size.
 
-This is forward regression by orthogonal least squares (FROLS), see `emsid.estimation.linear.forward_selection`, without
-the matrix Φ of the dictionary or its factor. With the orthonormal direction q of the last chosen term, one pass over
-the data updates
+This is forward regression by orthogonal least squares (FROLS), without the matrix Φ of the dictionary or its factor.
+With the orthonormal direction q of the last chosen term, one pass over the data updates
 
     ‖wⱼ‖² ← ‖wⱼ‖² − (φⱼᵀq)²        wⱼᵀy ← wⱼᵀy − φⱼᵀq·qᵀy
 
-of every other term j; `shared_products` computes φⱼᵀq. These differences lose digits. So the part w of the term that
+of every other term j; `correlate` computes φⱼᵀq. These differences lose digits. So the part w of the term that
 seems best is computed itself before the term is chosen: orthogonal to all directions so far by one Gram–Schmidt step,
 and by a second one where the first cancels digits. If its exact ratio falls behind that of another term, that one is
 tried.
@@ -18,12 +17,28 @@ unit length. Where λ is below `EIGENVALUE`, the passes over the data select.
 Memory: the chosen columns and a copy of the signals, (most + 4)·N numbers, and 40 numbers for every term of the
 dictionary, instead of the n·N of its matrix or the n² of its factor.
 
+**Selection on the factor.** Of all regressors, the next one is that whose part wₖ orthogonal to those already chosen
+explains most of the target::
+
+    ERRₖ = (wₖᵀy)² / (wₖᵀwₖ · yᵀy)        Σ ERR = 1 − ‖y − Φθ‖²/‖y‖² of the chosen regressors
+
+Columns of R have the same inner products as columns of Φ, since QᵀQ = I. So the whole selection works on the
+(n + 1, n + 1) factor of `Information`, whatever the number of samples is, by modified Gram–Schmidt steps.
+
+**Inner products.** Regressors of a dictionary share factors: ``y(t-1)*y(t-2)*u(t-1)`` and ``y(t-1)*y(t-2)*u(t-2)``
+differ in the last one. So a dictionary is a tree. A node is a product of factors; its parent is the product without the
+last factor. Then ``φⱼᵀx = Σₜ x(t)·(product of all factors but the last)·(last factor)``, and for a few hundred samples
+at a time every node is computed once, from its parent, for all regressors below it. For n lagged signals and degree 3,
+n³/6 regressors take n³/6 multiplications and additions per sample, and memory for n + 4 rows of a few hundred numbers.
+
 References:
     Billings, *Nonlinear System Identification* (2013), ch. 3. Chen, Billings, Luo, *Orthogonal least squares methods
     and their application to non-linear system identification*, International Journal of Control 50 (1989). Daniel,
     Gragg, Kaufman, Stewart, *Reorthogonalization and stable algorithms for updating the Gram–Schmidt QR factorization*,
     Mathematics of Computation 30 (1976). Higham, *Accuracy and Stability of Numerical Algorithms* (2002), ch. 20, on
     normal equations.
+    Billings, Chen, Korenberg, *Identification of MIMO non-linear systems using a forward-regression orthogonal
+    estimator*, International Journal of Control 49 (1989).
 """
 
 from __future__ import annotations
@@ -32,21 +47,21 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.compiled import njit
 from emsid.errors import DataError, ModelError
-from emsid.estimation.linear.forward_selection import DEPENDENT, forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation, gather
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.threads import cores, one_blas_thread, short_tasks
 from emsid.findings import Finding
-from emsid.models.regression.kernels import fill
+from emsid.models.regression.kernels import fill, multiply
 from emsid.models.regression.narx import Structure
-from emsid.models.regression.regressors import tables
-from emsid.models.regression.shared_products import Tree, correlate, tree
+from emsid.models.regression.regressors import Integers, Regressor, tables
 from emsid.record import Record, check_same_channels
 
 Array = NDArray[np.float64]
@@ -286,3 +301,187 @@ class _Selection:
         along[:] = self.data.correlations(direction)
         self.squares -= along**2
         self.products -= along * float(direction @ self.data.output)
+
+
+# --- selection on the factor ------------------------------------------------------------------------------------------
+
+# A column depends on the chosen ones if less than this fraction of its square is orthogonal to them.
+DEPENDENT = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Regressors in the order in which they were chosen.
+
+    Attributes:
+        order: indices of the chosen columns.
+        error_reduction: (k,) the fraction of yᵀy that each of them adds to what is explained.
+    """
+
+    order: tuple[int, ...]
+    error_reduction: Array
+
+
+def forward_selection(information: Information, most: int, first: Sequence[int] = ()) -> Selection:
+    """Choose up to ``most`` regressors, each the one that reduces the squared error most.
+
+    Args:
+        information: of all regressors.
+        most: the largest number of chosen regressors.
+        first: columns that are chosen before all others, in this order.
+
+    Returns:
+        The chosen columns; fewer than ``most`` where all others are combinations of them.
+    """
+    n = information.parameters
+    columns, target = information.factor[:, :n].copy(), information.factor[:, n].copy()
+    whole = np.einsum("ij,ij->j", columns, columns)
+    total = float(target @ target)
+    order: list[int] = []
+    gains: list[float] = []
+    left = np.ones(n, dtype=bool)
+    while len(order) < min(most, n):
+        squares = np.einsum("ij,ij->j", columns, columns)
+        usable = left & (squares > DEPENDENT * whole)
+        ratio = np.divide((columns.T @ target) ** 2, squares * (total or 1.0), out=np.full(n, -1.0), where=usable)
+        k = first[len(order)] if len(order) < len(first) else int(np.argmax(ratio))
+        if not usable[k]:
+            if len(order) < len(first):
+                raise ValueError(f"column {k} depends on the columns before it")
+            break
+        direction = columns[:, k] / np.sqrt(squares[k])
+        columns -= np.outer(direction, direction @ columns)
+        target -= direction * (direction @ target)
+        left[k] = False
+        order.append(k)
+        gains.append(float(ratio[k]))
+    return Selection(tuple(order), np.array(gains))
+
+
+# Samples of one factor that are processed at a time: those of a node and of four factors stay in the first-level cache.
+TOGETHER = 512
+# Regressors of one node whose sums are computed together.
+TOGETHER = 4
+# The channel of the factor 1, which a constant regressor consists of.
+ONE = -1
+
+
+class Tree(NamedTuple):
+    """The regressors of a dictionary as a tree of products, in the form that the kernel uses.
+
+    Attributes:
+        factors: (f, 3) channel, lag and transform of the different factors; channel `ONE` is the constant 1.
+        parameters: (f,) of their transforms.
+        nodes: (m, 2) depth in the tree and last factor of every product; a node follows its parent, and between them
+            there are only others below that parent. The first node is the empty product.
+        offsets: (m + 1,); the ends ``offsets[k]`` to ``offsets[k + 1]`` belong to node k.
+        ends: (n, 2) regressor and last factor.
+        signs: (n,) of the regressors.
+    """
+
+    factors: Integers
+    parameters: Array
+    nodes: Integers
+    offsets: Integers
+    ends: Integers
+    signs: Array
+
+
+def tree(regressors: Sequence[Regressor]) -> Tree:
+    """The tree of these regressors; a power counts as equal factors."""
+    factors: dict[tuple[float, ...], int] = {}
+    products: dict[tuple[int, ...], list[tuple[int, int]]] = {(): []}
+    for j, regressor in enumerate(regressors):
+        codes = [
+            factors.setdefault((f.channel, f.lag, f.transform, f.parameter), len(factors))
+            for f in regressor.factors
+            for _ in range(f.power)
+        ] or [factors.setdefault((ONE, 0, 0, 0.0), len(factors))]
+        *path, last = codes
+        products.setdefault(tuple(path), []).append((j, last))
+    for path_of in list(products):
+        for length in range(1, len(path_of)):
+            products.setdefault(path_of[:length], [])
+    nodes = sorted(products)
+    several = np.array(list(factors), dtype=float).reshape(-1, 4)
+    return Tree(
+        factors=several[:, :3].astype(np.int64),
+        parameters=np.ascontiguousarray(several[:, 3]),
+        nodes=np.array([(len(node), node[-1] if node else 0) for node in nodes], dtype=np.int64),
+        offsets=np.cumsum([0] + [len(products[node]) for node in nodes]).astype(np.int64),
+        ends=np.array([end for node in nodes for end in products[node]], dtype=np.int64).reshape(-1, 2),
+        signs=np.array([-1.0 if r.negative else 1.0 for r in regressors]),
+    )
+
+
+@njit(nogil=True)
+def correlate(result: Array, products: Tree, y: Array, u: Array, start: int, weight: Array, square: bool) -> None:
+    """Add φⱼᵀx of samples ``start`` … to a result, or the sum of x·φⱼ².
+
+    Args:
+        result: (n,).
+        products: the regressors.
+        y, u: (N,) and (nu, N).
+        start: the first sample.
+        weight: (N − start,) x.
+        square: whether to sum squares.
+    """
+    factors, parameters, nodes, offsets, ends, signs = products
+    rows = np.empty((len(factors), TOGETHER))
+    path = np.empty((nodes[:, 0].max() + 1, TOGETHER))
+    sums = np.zeros(len(ends))
+    for first in range(start, len(y), TOGETHER):
+        count = min(TOGETHER, len(y) - first)
+        for f in range(len(factors)):
+            row = rows[f, :count]
+            row[:] = 1.0
+            channel, lag, code = factors[f]
+            if channel != ONE:
+                signal = y if channel == 0 else u[channel - 1]
+                multiply(row, signal[first - lag : first - lag + count], code, parameters[f], 2 if square else 1)
+        path[0, :count] = weight[first - start : first - start + count]
+        for k in range(len(nodes)):
+            depth = nodes[k, 0]
+            if depth > 0:
+                _multiplied(path[depth], path[depth - 1], rows[nodes[k, 1]], count)
+            _add_sums(sums, path[depth], rows, ends, offsets[k], offsets[k + 1], count)
+    for k in range(len(ends)):
+        j = ends[k, 0]
+        result[j] += sums[k] if square else signs[j] * sums[k]
+
+
+_vectorised = njit(nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+
+
+@_vectorised
+def _multiplied(out: Array, a: Array, b: Array, count: int) -> None:
+    """out = a·b in the first elements."""
+    for i in range(count):
+        out[i] = a[i] * b[i]
+
+
+@_vectorised
+def _add_sums(sums: Array, node: Array, rows: Array, ends: Integers, begin: int, end: int, count: int) -> None:
+    """Add Σ node·row to the sum of every end ``begin`` … ``end``, four at a time."""
+    k = begin
+    while k + TOGETHER <= end:
+        a, b, c, d = rows[ends[k, 1]], rows[ends[k + 1, 1]], rows[ends[k + 2, 1]], rows[ends[k + 3, 1]]
+        of_a, of_b, of_c, of_d = 0.0, 0.0, 0.0, 0.0
+        for i in range(count):
+            x = node[i]
+            of_a += x * a[i]
+            of_b += x * b[i]
+            of_c += x * c[i]
+            of_d += x * d[i]
+        sums[k] += of_a
+        sums[k + 1] += of_b
+        sums[k + 2] += of_c
+        sums[k + 3] += of_d
+        k += TOGETHER
+    while k < end:
+        a = rows[ends[k, 1]]
+        of_a = 0.0
+        for i in range(count):
+            of_a += node[i] * a[i]
+        sums[k] += of_a
+        k += 1

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import listed
-from emsid.estimation.estimates import INCLUDES_ZERO
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.estimation.estimates import HALF_WIDTH, INCLUDES_ZERO
 from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
 from emsid.models.plants.search.result import Status
 from emsid.record import concatenate

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from emsid.errors import EmsidError
 from emsid.estimation.borders import border
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.report.document import Figure, Section, Table
 from emsid.report.numbers import estimate, number, sentence, slug
 from emsid.report.views.bands import regression_friction, static_map

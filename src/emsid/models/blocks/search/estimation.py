@@ -35,7 +35,7 @@ from emsid.errors import EmsidError, ModelError, listed
 from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control, Stopped
-from emsid.estimation.nonlinear.losses import SQUARES, Loss
+from emsid.estimation.nonlinear.problem import SQUARES, Loss
 from emsid.estimation.threads import cores, one_blas_thread
 from emsid.excitation.periods import averaged, period_of
 from emsid.findings import Finding
@@ -43,14 +43,7 @@ from emsid.models.blocks.cascade import SAMPLES_PER_STATE, Cascade
 from emsid.models.blocks.filters import Rational
 from emsid.models.blocks.fitting import Search, conclude, fit_cascade
 from emsid.models.blocks.search.choice import Task, improving, with_spread_knots
-from emsid.models.blocks.search.cross_validation import Round, as_arrays, held_back, shortened
-from emsid.models.blocks.search.knots import too_few_knots, with_enough_knots
-from emsid.models.blocks.search.map_families import Family
-from emsid.models.blocks.search.orders import SAMPLES_PER_PARAMETER, filter_parameters, input_delay
-from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
-from emsid.models.blocks.search.refinement import Choice, searched, with_steeper_jumps
-from emsid.models.blocks.search.sign_recovery import may_be_rectified
-from emsid.models.blocks.search.topologies import (
+from emsid.models.blocks.search.cross_validation import (
     DEFAULTS,
     HAMMERSTEIN,
     HAMMERSTEIN_WIENER,
@@ -58,8 +51,23 @@ from emsid.models.blocks.search.topologies import (
     WIENER_HAMMERSTEIN,
     CascadeSearch,
     Orders,
+    Round,
     Topology,
+    as_arrays,
+    held_back,
+    shortened,
 )
+from emsid.models.blocks.search.map_families import Family
+from emsid.models.blocks.search.orders import (
+    SAMPLES_PER_PARAMETER,
+    filter_parameters,
+    input_delay,
+    too_few_knots,
+    with_enough_knots,
+)
+from emsid.models.blocks.search.process_noise import Corrected, without_process_noise
+from emsid.models.blocks.search.refinement import Choice, searched, with_steeper_jumps
+from emsid.models.blocks.search.sign_recovery import may_be_rectified
 from emsid.models.blocks.static_maps import StaticMap
 from emsid.models.one_channel import check_one_channel
 from emsid.models.terms import check_whole
@@ -543,3 +551,27 @@ def _moved(fit: Fit[Cascade], k: int, records: Sequence[Record], how: Search) ->
         return None
     worse = fit.samples * log(again.noise_variance / fit.noise_variance)
     return again if worse <= log(fit.samples) else None
+
+
+# --- what the records do not determine --------------------------------------------------------------------------------
+
+
+def advice(fit: Fit[Cascade], records: Record | Sequence[Record]) -> tuple[Finding, ...]:
+    """Findings on what the records do not determine in a fitted cascade.
+
+    Args:
+        fit: the fitted cascade.
+        records: the records that it was fitted to.
+    """
+    several = [records] if isinstance(records, Record) else list(records)
+    model = fit.model
+    pairs = as_arrays(several)
+    findings: list[Finding] = []
+    for k, block in enumerate(model.blocks):
+        if isinstance(block, StaticMap):
+            found = block.findings(np.concatenate([model.signals_from_rest(u)[k] for u, _ in pairs]))
+            findings += [replace(each, subject=model.name, data={"block": k + 1, **each.data}) for each in found]
+    lost = [n for n, variance in zip(fit.names, np.diag(fit.covariance), strict=True) if not np.isfinite(variance)]
+    if lost and fit.ending is not Ending.RANK_DEFICIENT:  # which has a finding of its own
+        findings.append(Finding("parameters-without-interval", model.name, {"parameters": lost}))
+    return tuple(findings)

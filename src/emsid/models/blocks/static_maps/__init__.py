@@ -12,14 +12,12 @@ References:
     (4.7) to (4.9). de Boor, *A Practical Guide to Splines*, rev. ed. (2001).
 """
 
-from emsid.models.blocks.static_maps.hyperbolic_tangent import HyperbolicTangent
-from emsid.models.blocks.static_maps.laws import CoulombLinear, DeadZone, Saturation, TwoSlopes
-from emsid.models.blocks.static_maps.numbered_map import NumberedMap
+from emsid.models.blocks.static_maps.laws import CoulombLinear, DeadZone, HyperbolicTangent, Saturation, TwoSlopes
 from emsid.models.blocks.static_maps.polynomial import Polynomial
 from emsid.models.blocks.static_maps.registry import STATIC_MAPS, register
 from emsid.models.blocks.static_maps.shaped import MonotoneSpline, OddSpline
 from emsid.models.blocks.static_maps.signless import Abs, EvenSpline
-from emsid.models.blocks.static_maps.static_map import Scaling, StaticMap, closest
+from emsid.models.blocks.static_maps.static_map import NumberedMap, Scaling, StaticMap, closest
 from emsid.models.blocks.static_maps.through_points import CubicSpline, PiecewiseLinear
 from emsid.models.blocks.static_maps.user import UserMap
 

@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.findings import Finding
-from emsid.models.blocks.static_maps.numbered_map import NumberedMap
-from emsid.models.blocks.static_maps.static_map import Pieces, Scaling, StaticMap, closest
+from emsid.models.blocks.static_maps.static_map import NumberedMap, Pieces, Scaling, StaticMap, closest
 from emsid.models.blocks.static_maps.through_points import CubicSpline, ThroughPoints, spread_knots
 
 Array = NDArray[np.float64]

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, all_alike

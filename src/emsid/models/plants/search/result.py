@@ -11,13 +11,12 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.estimation.estimates import HALF_WIDTH, assumed_in
 from emsid.estimation.estimates import Estimate as Estimate
 from emsid.estimation.estimates import Status as Status
-from emsid.estimation.estimates import assumed_in
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.identifiability import Identifiability
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding, plain
 from emsid.models.plants.drive import Hold
 from emsid.models.plants.driven import DrivenPlant

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from emsid.errors import EmsidError
 from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.rounding import quantisation, runs
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.estimation.uncertainty.rounding import EXACT, Extent, extent
+from emsid.estimation.uncertainty.rounding import EXACT, Extent, extent, quantisation, runs
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError, all_alike
 from emsid.models.plants.initial_state import InitialState

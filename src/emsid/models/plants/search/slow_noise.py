@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtrit
 
+from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.nonlinear.minimum import Minimum
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
-from emsid.estimation.uncertainty.intervals import HALF_WIDTH
 from emsid.findings import Finding
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.parameters import Signal

@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Fit
-from emsid.estimation.linear.forward_selection import forward_selection
 from emsid.estimation.linear.information import Information
 from emsid.models.regression.free_run_fit import FreeRunError
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.regressors import Regressor
 from emsid.models.regression.search.cross_validation import CrossValidation, fit_to_compare
+from emsid.models.regression.term_selection import forward_selection
 from emsid.selection.improvement import StretchErrors, better
 from emsid.selection.improvement import simplest as simplest_model
 

@@ -26,17 +26,14 @@ truth:
 - twice the standard error of the model itself, from its fits to parts of the data (the jackknife): a fit that lacks the
   share f of the data differs from that to all by (1/(1 − f) − 1)·v on average, where v is the variance of the latter.
 
+**Static maps.** On unseen data, the input of a map may leave the range that it has in the data of the fit. A model may
+stay within the range of its own input and still leave that of a map inside it, such as the displacement of a spring at
+resonance. There the map is only a continuation.
+
+Conclusions are findings: about the fitted models and the data, a verdict on the residual, and what to do next.
+
 References:
     Efron, Stein, *The jackknife estimate of variance*, Annals of Statistics 9 (1981).
-
-Static maps whose input leaves, on unseen data, the range that it has in the data of the fit.
-
-A model may stay within the range of its own input and still leave that of a map inside it, such as the displacement of
-a spring at resonance. There the map is only a continuation.
-
-Conclusions of an identification as findings: a verdict on the residual, and what to do next.
-
-Findings about the fitted models and the data.
 """
 
 from __future__ import annotations

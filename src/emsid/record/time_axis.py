@@ -1,24 +1,21 @@
-r"""The time column of a record: whether its samples are equidistant.
+r"""The time column of a record: its unit, and whether its samples are equidistant.
 
-Units of a time column: from what is given, from the end of its name, or from the function that it is named after.
+The unit is the one that is given, the end of the name, or that of the function that the column is named after.
 
-Rows that a timer samples and that are stamped late: equidistant, although their stamps are not.
+**Late stamps.** Rows that a timer samples and that are stamped late are equidistant, although their stamps are not.
+With nₖ the number of a row, counted with the rows that were lost, the stamps are tₖ = a + T·nₖ + rₖ. The slope T is the
+median of the slopes between rows that are half a record apart (a Theil–Sen estimate with N/2 pairs): a minority of late
+stamps does not move it. The rows are equidistant where every rₖ is within half a sample of a straight line, so that no
+stamp belongs to another row, and the means of rₖ over some rows move by less than half a sample: a row that is lost or
+written twice moves them by a whole one, and a clock that drifts moves them steadily.
 
-With nₖ the number of a row, counted with the rows that were lost, the stamps are tₖ = a + T·nₖ + rₖ. The slope T is
-the median of the slopes between rows that are half a record apart (a Theil–Sen estimate with N/2 pairs): a minority of
-late stamps does not move it. The rows are equidistant where every rₖ is within half a sample of a straight line, so
-that no stamp belongs to another row, and the means of rₖ over some rows move by less than half a sample: a row that is
-lost or written twice moves them by a whole one, and a clock that drifts moves them steadily.
+**Samples at equidistant times**, from samples at measured times: between its samples an input is constant (it comes
+from a digital output). A step of it goes to the row whose time is nearest, so that it is as often early as late: the
+value at the new times would be late by half a sample on average, and a lag or an inertia estimated from it too large.
 
 References:
-    Sen, P. K. (1968). Estimates of the regression coefficient based on Kendall's tau. Journal of the American
-    Statistical Association 63(324), 1379–1389.
-
-Samples at equidistant times, from samples at measured times.
-
-Between its samples an input is constant (it comes from a digital output). A step of it goes to the row whose time is
-nearest, so that it is as often early as late: the value at the new times would be late by half a sample on average,
-and a lag or an inertia estimated from it too large.
+    Sen, *Estimates of the regression coefficient based on Kendall's tau*, Journal of the American Statistical
+    Association 63 (1968).
 """
 
 from __future__ import annotations

@@ -1,22 +1,18 @@
 r"""Autocorrelation of a residual and its correlation with an input, without products across a gap between segments.
 
+**Nonlinear tests** correlate the residual of a free run with nonlinear functions of its inputs. The correlation with
+the input itself is blind to what a nonlinearity leaves after the best linear model. An even characteristic shows in u²
+and |u|, an odd one (a dead zone, Coulomb friction) in u³, a gain that depends on the motion in the product of the input
+and the simulated output. Of every function only that part is taken that lower ones, and the signals themselves, do not
+have in common with it.
+
+**Whiteness** of the one-step errors of a model: with autocorrelations r(k) of N errors, ``Q = N(N + 2) Σ r(k)²/(N −
+k)`` follows χ² of as many degrees of freedom as lags if they are white (Ljung & Box, *On a measure of lack of fit in
+time series models*, Biometrika 65, 1978).
+
 References:
-    Ljung, *System Identification*, 2nd ed. (1999), sec. 16.6 on residual analysis.
-
-The nonlinear cross-correlation tests: the residual of a free run against nonlinear functions of its inputs.
-
-The correlation with the input itself is blind to what a nonlinearity leaves after the best linear model. An even
-characteristic shows in u² and |u|, an odd one (a dead zone, Coulomb friction) in u³, a gain that depends on the motion
-in the product of the input and the simulated output. Of every function only that part is taken that lower ones, and the
-signals themselves, do not have in common with it.
-
-References:
-    Billings, Voon, *Correlation based model validity tests for non-linear models*, Int. J. Control 44 (1986).
-
-Test whether the one-step errors of a model are white.
-
-With autocorrelations r(k) of N errors, ``Q = N(N + 2) Σ r(k)²/(N − k)`` follows χ² of as many degrees of freedom as
-lags if they are white (Ljung & Box, *On a measure of lack of fit in time series models*, Biometrika 65, 1978).
+    Ljung, *System Identification*, 2nd ed. (1999), sec. 16.6 on residual analysis. Billings, Voon, *Correlation based
+    model validity tests for non-linear models*, Int. J. Control 44 (1986).
 """
 
 from __future__ import annotations

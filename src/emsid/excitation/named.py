@@ -7,12 +7,10 @@ The defaults of `SIGNALS` excite one band: from one cycle in the record to a twe
 a drive that is sampled fast enough still responds.
 
 References:
-    Godfrey, K. (1993). Perturbation Signals for System Identification.
-    Golomb, S. W. (1967). Shift Register Sequences.
-    Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapter 13.
-    Nelles, O. (2001). Nonlinear System Identification.
-    Pintelon, R., Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed.
-    Stahnke, W. (1973). Primitive binary polynomials. Mathematics of Computation 27, 977–980.
+    Godfrey, *Perturbation Signals for System Identification* (1993). Golomb, *Shift Register Sequences* (1967). Ljung,
+    *System Identification*, 2nd ed. (1999), ch. 13. Nelles, *Nonlinear System Identification* (2001). Pintelon,
+    Schoukens, *System Identification: A Frequency Domain Approach*, 2nd ed. (2012). Stahnke, *Primitive binary
+    polynomials*, Mathematics of Computation 27 (1973).
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ sine 2, a sum of m sines 2m, a maximal-length sequence of period M order M. The 
 values of these rows.
 
 References:
-    Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapter 13.
+    Ljung, *System Identification*, 2nd ed. (1999), ch. 13.
 """
 
 from __future__ import annotations

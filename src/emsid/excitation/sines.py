@@ -10,11 +10,10 @@ amplitude spectrum:
   wanted amplitudes back, and repeat [Van der Ouderaa]. Clipping low at first and higher later avoids poor local optima.
 
 References:
-    Schroeder, M. R. (1970). Synthesis of low-peak-factor signals and binary sequences with low autocorrelation. IEEE
-        Transactions on Information Theory 16, 85–89.
-    Van der Ouderaa, E., Schoukens, J., Renneboog, J. (1988). Peak factor minimization using a time-frequency domain
-        swapping algorithm. IEEE Transactions on Instrumentation and Measurement 37, 145–147.
-    Pintelon, R., Schoukens, J. (2012). System Identification: A Frequency Domain Approach, 2nd ed.
+    Schroeder, *Synthesis of low-peak-factor signals and binary sequences with low autocorrelation*, IEEE Trans.
+    Information Theory 16 (1970). Van der Ouderaa, Schoukens, Renneboog, *Peak factor minimization using a
+    time-frequency domain swapping algorithm*, IEEE Trans. Instrumentation and Measurement 37 (1988). Pintelon,
+    Schoukens, *System Identification: A Frequency Domain Approach*, 2nd ed. (2012).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Every finding says how sure it is, as ``confidence`` from 0 to 1, and its sentence says what to do next.
 
 References:
-    Ljung, L. (1999). System Identification: Theory for the User, 2nd ed., chapters 13 (experiments) and 14 (data).
+    Ljung, *System Identification*, 2nd ed. (1999), ch. 13 on experiments and 14 on data.
 """
 
 from __future__ import annotations

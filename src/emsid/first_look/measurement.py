@@ -1,8 +1,8 @@
 """How the channels of a record were measured: their resolution and limits, outliers, and the sample time.
 
 References:
-    Åström, K. J., and Wittenmark, B. (1997). Computer-Controlled Systems, 3rd ed., section 2.9: 4 to 10 samples in a
-    rise time for control; identification takes more.
+    Åström, Wittenmark, *Computer-Controlled Systems*, 3rd ed. (1997), sec. 2.9: 4 to 10 samples in a rise time for
+    control; identification takes more.
 """
 
 from __future__ import annotations

@@ -24,10 +24,8 @@ there. The restricted likelihood of the samples does not depend on the constant,
 both can be compared.
 
 References:
-    Bendat, J. S., and Piersol, A. G. (2010). Random Data, 4th ed.
-    Davidson, R., and MacKinnon, J. G. (2004). Econometric Theory and Methods.
-    Patterson, H. D., and Thompson, R. (1971). Recovery of inter-block information when block sizes are unequal.
-        Biometrika 58, 545–554.
+    Bendat, Piersol, *Random Data*, 4th ed. (2010). Davidson, MacKinnon, *Econometric Theory and Methods* (2004).
+    Patterson, Thompson, *Recovery of inter-block information when block sizes are unequal*, Biometrika 58 (1971).
 """
 
 from __future__ import annotations

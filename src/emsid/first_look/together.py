@@ -10,8 +10,7 @@ how large F is without a change of the system (Chow, 1960).
 them may show dead zone and friction well.
 
 References:
-    Chow, G. C. (1960). Tests of equality between sets of coefficients in two linear regressions. Econometrica 28(3),
-        591–605.
+    Chow, *Tests of equality between sets of coefficients in two linear regressions*, Econometrica 28 (1960).
 """
 
 from __future__ import annotations

@@ -58,8 +58,8 @@ def filtered_both_ways(above: ArrayLike, below: ArrayLike, signals: ArrayLike, p
         padding: samples beyond each end, fewer than N.
 
     References:
-        Gustafsson, F. (1996). Determining the initial states in forward-backward filtering, IEEE Trans. Signal
-        Processing 44(4).
+        Gustafsson, *Determining the initial states in forward-backward filtering*, IEEE Trans. Signal Processing 44
+        (1996).
     """
     b, a = _equally_long(above, below)
     x = np.asarray(signals, dtype=float)

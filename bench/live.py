@@ -33,10 +33,9 @@ from emsid.estimation.linear.recursive_kernels import update
 from emsid.live.log import Log
 from emsid.live.protocol import LineParser
 from emsid.live.receiver import Receiver
-from emsid.live.recorded import read_log
 from emsid.live.rehearsal import rehearse
 from emsid.live.session import Session, Settings, messages
-from emsid.live.sources import open_source
+from emsid.live.sources import open_source, read_log
 from emsid.live.tracking import Tracker
 
 N = 10

@@ -164,7 +164,7 @@ def test_imports_point_to_earlier_layers_only() -> None:
         ("models.blocks.search.starts", "models.regression.structures", False),
         ("models.blocks.search.starts", "models.plants.drive", True),
         ("models.blocks.static_maps.laws", "models.blocks.cascade", True),
-        ("models.blocks.static_maps.laws", "models.blocks.static_maps.inverse", False),
+        ("models.blocks.static_maps.laws", "models.blocks.static_maps.static_map", False),
         ("models.blocks.cascade", "models.blocks.search.orders", True),
         ("models.blocks.search.choice", "models.blocks.search.orders", False),
         ("models.model", "models.regression.narx", True),

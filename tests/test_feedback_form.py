@@ -15,9 +15,9 @@ from emsid import FeedbackModel
 from emsid.blocks import Polynomial
 from emsid.models.blocks.static_maps import Scaling
 from emsid.models.feedback.coordinates import always_fixed, free_lines
+from emsid.models.feedback.curves import map_band
 from emsid.models.feedback.curves import visited as visited_in
 from emsid.models.feedback.fitting import fit_feedback
-from emsid.models.feedback.map_bands import map_band
 from emsid.models.feedback.normal_form import CORRELATED, normal_form, power_of, squared_gains
 from emsid.models.feedback.search.rectified_output import as_feedback
 from feedback_models import Array, U, X, loop, multiplied

@@ -19,10 +19,9 @@ from emsid.estimation.nonlinear.control import FREE, Activity, Control, Stopped
 from emsid.estimation.nonlinear.few_unknowns import few_unknowns
 from emsid.estimation.nonlinear.gauss_newton import PATIENCE, each_step, gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import SQUARES, Cauchy, Huber, Infeasible, Loss
+from emsid.estimation.nonlinear.problem import SQUARES, Cauchy, Huber, Infeasible, Loss, without
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
 from emsid.estimation.nonlinear.steps import bounded_step
-from emsid.estimation.nonlinear.without_samples import without
 from emsid.estimation.uncertainty.robust_covariance import automatic_window, long_run_variance, weighted_variance
 
 Array = NDArray[np.float64]

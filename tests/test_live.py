@@ -19,10 +19,9 @@ from emsid.live.board import Board
 from emsid.live.log import Log, read_from
 from emsid.live.protocol import LineParser
 from emsid.live.receiver import Piece, Receiver
-from emsid.live.recorded import read_log
 from emsid.live.server import Server
 from emsid.live.session import Session, Settings, messages
-from emsid.live.sources import open_source
+from emsid.live.sources import open_source, read_log
 from emsid.live.tracking import Tracker
 from emsid.plant import Bench
 from emsid.wording import sentence

@@ -17,9 +17,8 @@ from emsid.live.driving import Limits, drive
 from emsid.live.log import Log
 from emsid.live.protocol import LineParser
 from emsid.live.receiver import Receiver
-from emsid.live.recorded import read_log
 from emsid.live.server import Server
-from emsid.live.sources import open_source
+from emsid.live.sources import open_source, read_log
 from emsid.plant import Bench
 from live_sessions import DT, PLAIN, SentBoard, served, url
 

@@ -22,9 +22,9 @@ from emsid.estimation import Directional
 from emsid.findings import Finding
 from emsid.io import read
 from emsid.live.board import Board
-from emsid.live.recorded import read_log
 from emsid.live.server import Server
 from emsid.live.session import pieces
+from emsid.live.sources import read_log
 from emsid.live.tracking import Tracker
 from emsid.wording import sentence
 from live_sessions import DT, PLAIN, SentBoard, lines, served, url

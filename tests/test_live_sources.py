@@ -18,9 +18,8 @@ from emsid.estimation import Control
 from emsid.live.log import Log
 from emsid.live.protocol import LineParser
 from emsid.live.receiver import Receiver
-from emsid.live.recorded import read_log
 from emsid.live.session import Session, Settings, messages
-from emsid.live.sources import Disconnected, connect, open_source
+from emsid.live.sources import Disconnected, connect, open_source, read_log
 from emsid.live.tracking import Tracker
 from live_sessions import Bytes, findings, lines
 

@@ -11,9 +11,8 @@ import pytest
 from emsid import Ending, FeedbackModel, Record
 from emsid.blocks import CoulombLinear, Polynomial
 from emsid.models.feedback.coordinates import Visited
-from emsid.models.feedback.curves import visited, visited_in_free_run
+from emsid.models.feedback.curves import map_band, map_shape, visited, visited_in_free_run
 from emsid.models.feedback.fitting import fit_feedback
-from emsid.models.feedback.map_bands import map_band, map_shape
 from emsid.models.feedback.normal_form import normal_form
 from emsid.validation import free_run_band
 from feedback_models import Array

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 import emsid
 from emsid.first_look import describe_files, groups
-from emsid.first_look.hypotheses import hypotheses
+from emsid.first_look.together import hypotheses
 
 pytestmark = pytest.mark.usefixtures("ctrl_c_heard", "figures_undrawn")
 

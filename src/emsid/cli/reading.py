@@ -24,7 +24,7 @@ from emsid.options import READING
 
 if TYPE_CHECKING:
     from emsid.first_look import Group
-    from emsid.first_look.hypotheses import Hypothesis
+    from emsid.first_look.together import Hypothesis
     from emsid.io import ParsedFile
     from emsid.io.columns import Columns
     from emsid.record import Record
@@ -256,7 +256,7 @@ def _certain_columns(
     Raises:
         FormatError: where a file cannot be read.
     """
-    from emsid.first_look.hypotheses import hypotheses
+    from emsid.first_look.together import hypotheses
 
     found, sure = hypotheses(files, given)
     if sure:

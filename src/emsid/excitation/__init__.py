@@ -5,11 +5,12 @@ until the next. The functions keep no state: random signals take a `numpy.random
 equal samples.
 """
 
-from emsid.excitation.limits import crest_factor, limit
 from emsid.excitation.named import (
     SIGNALS,
     amplitude_modulated_prbs,
     chirp,
+    crest_factor,
+    limit,
     linear_sweep,
     logarithmic_sweep,
     prbs,

@@ -14,10 +14,9 @@ from emsid.errors import DataError, ModelError, listed
 from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit
 from emsid.excitation import SIGNALS
-from emsid.experiment_design.information import Sensitivities, relative_errors
+from emsid.experiment_design.information import Inseparable, Sensitivities, inseparable, relative_errors
 from emsid.experiment_design.limits import Limits
 from emsid.experiment_design.search import CRITERIA, searched
-from emsid.experiment_design.separation import Inseparable, inseparable
 from emsid.findings import Finding
 from emsid.models.verbs import as_model
 from emsid.record import Record

@@ -9,14 +9,18 @@ how large F is without a change of the system (Chow, 1960).
 **Groups.** Whether data suffice for a model is a question about all of its records: each may be one step, and all of
 them may show dead zone and friction well.
 
+**Hypotheses.** Without named columns, pairs of columns are tried as input and output, with the evidence for each. An
+identification takes what is almost certain and asks for the rest.
+
 References:
     Chow, *Tests of equality between sets of coefficients in two linear regressions*, Econometrica 28 (1960).
 """
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
@@ -29,13 +33,13 @@ from emsid.findings import Finding
 from emsid.first_look.columns import Column, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, opposite_signs
 from emsid.first_look.examined import response_of
-from emsid.first_look.levels import FEWEST_SAMPLES, LAGS, SAMPLES, UNSURE
+from emsid.first_look.levels import FEWEST_SAMPLES, LAGS, MOST, SAMPLES, UNSURE
 from emsid.first_look.look import CONSTANT, FirstLook, describe
 from emsid.first_look.masks import joined
 from emsid.first_look.names import ColumnQuantity, meaning
 from emsid.first_look.roles import find_roles
 from emsid.io.columns import as_numbers
-from emsid.io.reading import read_columns
+from emsid.io.reading import parsed_file, read_columns
 from emsid.record import Record, concatenate
 from emsid.record.holding_back import has_equal_samples
 
@@ -353,3 +357,80 @@ def _at_common_times(signals: Sequence[Column], clocks: Sequence[Array]) -> list
         column_of_numbers(each.name, each.kind, each.meaning, np.interp(times, t, each.values))
         for each, t in zip(signals, clocks, strict=True)
     ]
+
+
+LISTED = 3
+"""At most this many pairs are listed."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Files with an input and an output.
+
+    Attributes:
+        looks: at the files.
+        reading: the arguments of `emsid.read` for them.
+        left: the share of the variance of the output that the best simple response to the input leaves; 1 where none
+            was fitted.
+    """
+
+    looks: tuple[FirstLook, ...]
+    reading: Mapping[str, Any]
+    left: float
+
+
+def hypotheses(paths: Sequence[str | os.PathLike[str]], given: Mapping[str, Any]) -> tuple[list[Hypothesis], bool]:
+    """The pairs of input and output in files, the best first, and whether that is almost certain.
+
+    Args:
+        paths: the files.
+        given: the other arguments of `emsid.read` that are known.
+
+    Returns:
+        What `describe_files` proposes for every group of files, and where that is one, other likely pairs of its
+        columns; nothing where there is nothing to identify.
+
+    Raises:
+        FormatError: where a file cannot be read at all.
+        DataError: where an argument that is given cannot be used.
+    """
+    looks, _ = describe_files(paths, **given)
+    found = groups(looks)
+    if len(found) != 1:
+        return [_hypothesis(group) for group in found][:LISTED], False
+    (group,) = found
+    left_out = any(look.useless for look in looks)
+    sure = not left_out and all(map(_is_almost_certain, group.looks))
+    if sure:
+        return [_hypothesis(group)], True
+    own = group.looks[0].roles
+    others = [*own.others, *((u, y) for u, y, _ in own.tried[1:])]
+    return [_hypothesis(group), *of_pairs(paths, given, list(dict.fromkeys(others))[: LISTED - 1])], False
+
+
+def _is_almost_certain(look: FirstLook) -> bool:
+    roles = look.roles
+    return not roles.others and min(roles.input_confidence, roles.output_confidence, look.clock.confidence) >= MOST
+
+
+def _hypothesis(group: Group) -> Hypothesis:
+    return Hypothesis(
+        group.looks, group.reading, max(look.roles.tried[0][2] if look.roles.tried else 1.0 for look in group.looks)
+    )
+
+
+def of_pairs(
+    paths: Sequence[str | os.PathLike[str]], given: Mapping[str, Any], pairs: Sequence[tuple[str, str]]
+) -> list[Hypothesis]:
+    """The hypotheses for named pairs of columns.
+
+    Args:
+        paths: the files.
+        given: the other arguments of `emsid.read` that are known.
+        pairs: names of an input and an output each.
+    """
+    found, files = [], [parsed_file(path, in_part=True, dbc=given.get("dbc")) for path in paths] if pairs else []
+    for u, y in pairs:
+        divided = groups(describe_files(files, **given, input=u, output=y)[0])
+        found += [_hypothesis(group) for group in divided[:1]]
+    return found

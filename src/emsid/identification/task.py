@@ -299,7 +299,7 @@ def _with_columns(sources: Sequence[Record | Path], reading: Mapping[str, Any]) 
     paths = [each for each in sources if isinstance(each, str | os.PathLike)]
     if not paths or reading.get("input") or reading.get("output"):
         return reading
-    from emsid.first_look.hypotheses import hypotheses  # its reading of files is not needed for records
+    from emsid.first_look.together import hypotheses  # its reading of files is not needed for records
 
     found, sure = hypotheses(paths, reading)
     if sure and len(found[0].looks) == len(paths):

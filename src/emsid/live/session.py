@@ -26,7 +26,7 @@ from emsid.findings import Finding, plain
 from emsid.live.log import Log
 from emsid.live.protocol import LineParser, Rows
 from emsid.live.receiver import Piece, Receiver
-from emsid.live.recorded import record_of
+from emsid.live.sources import record_of
 from emsid.live.timeline import Stretch, Timeline
 from emsid.live.tracking import Change, Physical, Tracker, Tracking
 from emsid.models.regression.narx import Narx

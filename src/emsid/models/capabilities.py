@@ -20,10 +20,9 @@ from emsid.estimation.fit import Fit
 from emsid.findings import Finding
 from emsid.models.bands import Band, BandedCurve, banded, banded_curve, input_of, output_of
 from emsid.models.c_form import CForm
-from emsid.models.characteristics import Characteristic
+from emsid.models.characteristics import Characteristic, settled
 from emsid.models.linear.system import LinearSystem
 from emsid.models.refit_data import Budget, Data
-from emsid.models.steady_state import settled
 from emsid.models.stepping import PlainStepper, Stepper
 from emsid.record import Record
 

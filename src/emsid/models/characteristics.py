@@ -5,6 +5,8 @@ A quantity q(θ) of the estimate has the variance ∇qᵀ·Σ·∇q to first ord
 A pole z of a sampled model is s = ln(z)/T in continuous time. A real one decays with the time constant −1/s; a pair of
 complex ones oscillates with the natural frequency ω₀ = |s| and the damping ratio ζ = −Re(s)/|s|, and has no time
 constant of its own.
+
+The output in the steady state at a constant input is found by running a model.
 """
 
 from __future__ import annotations
@@ -17,10 +19,44 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emsid.errors import ModelError
 from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit
 from emsid.record import Record
 from emsid.units import per_unit
+
+MOVES = 1e-6
+"""A model is at rest where its output moves by less than this share of itself: rounding, and the ripple of an
+interpolated input."""
+
+
+def settled(model: Any, level: float, inputs: int = 1) -> float:
+    """The first output in the steady state that a model reports, if it stays there.
+
+    Args:
+        model: of any kind.
+        level: the constant input.
+        inputs: how many there are, all at this level.
+
+    Raises:
+        ModelError: where it does not.
+    """
+    late = model.latency
+    out = model.run(model.at_rest(level), np.full((model.memory + late + 2, inputs), level))[0][late:, 0]
+    if not np.isfinite(out).all() or np.ptp(out) > MOVES * np.abs(out).max():
+        raise ModelError(f"{model.name} does not come to rest at an input of {level:g}")
+    return float(out[-1])
+
+
+def check_channel(model: Any, what: str, number: int, count: int) -> None:
+    """Refuse the number of an input or output that there is not.
+
+    Raises:
+        ModelError: with the numbers that there are.
+    """
+    if not 0 <= number < count:
+        raise ModelError(f"{model.name}: {what} {number} of {count}; they count from 0", arguments=(what,))
+
 
 FASTER = 5.0
 """A pair that decays this many times faster than the slowest pole hardly shows in a response (dominant poles)."""

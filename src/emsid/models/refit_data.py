@@ -12,7 +12,7 @@ import numpy as np
 from emsid.estimation.fit import Fit
 from emsid.estimation.linear.least_squares import least_squares
 from emsid.estimation.nonlinear.control import FREE, Control
-from emsid.estimation.nonlinear.without_samples import Mask
+from emsid.estimation.nonlinear.problem import Mask
 from emsid.record import Record
 
 

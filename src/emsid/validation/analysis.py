@@ -125,6 +125,7 @@ def modes(model: Any, at: float = 0.0, level: float = 0.95) -> ModeTable:
         at: the constant input about which it is linearised.
         level: of the intervals.
     """
+
     def pairs(moved: Any) -> list[Complex]:
         part = linearize(moved, at)
         square = part.d.shape[0] == part.d.shape[1]
@@ -153,7 +154,7 @@ def _nearest(here: Complex, there: Complex) -> NDArray[np.int64]:
     """Which points of one set belong to those of another, so that the sum of their distances is the least."""
     distances = np.abs(here[:, None] - there)
     if distances.size:
-        nearest = distances.argmin(axis=1)
+        nearest: NDArray[np.int64] = distances.argmin(axis=1)
         if len(set(nearest.tolist())) == len(nearest):  # no sum is less
             return nearest
     from scipy.optimize import linear_sum_assignment  # takes a sixth of a second to import

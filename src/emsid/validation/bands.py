@@ -23,9 +23,9 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.bands import Band as Band
 from emsid.models.bands import banded, with_error
+from emsid.models.characteristics import check_channel
 from emsid.models.kinds import capabilities_of
 from emsid.models.model import Model
-from emsid.models.steady_state import check_channel
 from emsid.record import Record
 from emsid.validation.responses import BodeCurve
 

@@ -217,8 +217,7 @@ def _driven(
     from emsid.live.log import Log
     from emsid.live.protocol import LineParser
     from emsid.live.receiver import Receiver
-    from emsid.live.recorded import read_log
-    from emsid.live.sources import awaited, open_source
+    from emsid.live.sources import awaited, open_source, read_log
 
     again = partial(open_source, source, baud)
     opened = awaited(again, patience, warn)

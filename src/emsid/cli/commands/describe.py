@@ -17,7 +17,7 @@ from emsid.cli.writing import REPORT, as_json, check_folder, draw, say_where
 if TYPE_CHECKING:
     from emsid.findings import Finding
     from emsid.first_look import FirstLook, Group
-    from emsid.first_look.hypotheses import Hypothesis
+    from emsid.first_look.together import Hypothesis
     from emsid.record import Record
 
 COLUMNS = 30
@@ -58,7 +58,7 @@ def describe(
       emsid describe --input x.csv:1 --output y.csv:1
     """
     from emsid.first_look import describe_files, groups, without_findings_of_all
-    from emsid.first_look.hypotheses import of_pairs
+    from emsid.first_look.together import of_pairs
     from emsid.report.views.conventions import in_words
     from emsid.report.views.first_look import of_all_files
     from emsid.wording import sentence

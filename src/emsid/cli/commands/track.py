@@ -226,9 +226,8 @@ def _followed(
     from emsid.estimation import Control
     from emsid.estimation.borders import border, collected
     from emsid.live.protocol import LineParser
-    from emsid.live.recorded import read_log
     from emsid.live.session import messages
-    from emsid.live.sources import is_connection
+    from emsid.live.sources import is_connection, read_log
 
     implies = not is_connection(session.name)
     receiver = received(session, out, partial(_compile, session, settings, max(len(reading["inputs"]), 1)))

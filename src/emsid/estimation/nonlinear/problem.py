@@ -2,6 +2,7 @@
 
 Its loss is that of squares, or of Huber or Cauchy, which are robust against outliers. A loss ℓ is an object with three
 methods: ℓ itself, the weight ℓ′(r)/r and the curvature ℓ″(r). `gauss_newton` accepts any object that has them.
+A problem may lack the residuals of some samples (`WithoutSamples`); its runs go on through them.
 
 References:
     Huber, *Robust Statistics* (1981). Holland, Welsch, *Robust regression using iteratively reweighted least-squares*,
@@ -11,7 +12,7 @@ References:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Generic, NamedTuple, Protocol, TypeVar
@@ -304,3 +305,40 @@ def trial_cost(problem: Problem, theta: Array, loss: Loss) -> float:
     except Infeasible:
         return np.inf
     return found if np.isfinite(found) else np.inf
+
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class WithoutSamples(SparseProblem):
+    """A problem without the residuals of some samples.
+
+    Attributes:
+        problem: with all of them.
+        left_out: (N,) for every residual of the problem, or for more samples before its first one.
+    """
+
+    problem: Problem
+    left_out: Sequence[Mask]
+
+    def residuals(self, theta: Array) -> list[Array]:
+        """The residual of the other samples of every experiment."""
+        every = zip(self.problem.residuals(theta), self.left_out, strict=True)
+        return [residual[_others(out, residual)] for residual, out in every]
+
+    def columns(self, theta: Array) -> Iterator[Columns]:
+        """The same with its derivative."""
+        for column, out in zip(columns_of(self.problem, theta), self.left_out, strict=True):
+            others = _others(out, column.residual)
+            yield column._replace(residual=column.residual[others], rows=column.rows[:, others])
+
+
+def without(problem: Problem, left_out: Sequence[Mask] | None) -> Problem:
+    """A problem without some samples; the problem itself if none are given."""
+    return problem if left_out is None else WithoutSamples(problem, left_out)
+
+
+def _others(left_out: Mask, residual: Array) -> Mask:
+    """(n,) the samples of a residual that are not left out."""
+    return ~left_out[len(left_out) - len(residual) :]

@@ -24,10 +24,9 @@ from emsid.estimation.fit import Ending, Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum, undetermined
-from emsid.estimation.nonlinear.problem import SQUARES, Columns, LastRun, Loss, SparseProblem, Squares
+from emsid.estimation.nonlinear.problem import SQUARES, Columns, LastRun, Loss, Mask, SparseProblem, Squares, without
 from emsid.estimation.nonlinear.restarts import begun_again
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
-from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.estimation.threads import short_tasks
 from emsid.estimation.uncertainty.model_error import model_error_covariance
 from emsid.findings import Finding

@@ -22,10 +22,9 @@ from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun
+from emsid.estimation.nonlinear.problem import LARGEST, Infeasible, LastRun, Mask, without
 from emsid.estimation.nonlinear.restarts import TURNS, Ends, begun_around, confirmed, nearer
 from emsid.estimation.nonlinear.smoothing import Penalty, Smoothing
-from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.findings import Finding
 from emsid.models.feedback.coordinates import (
     Visited,

@@ -18,7 +18,7 @@ from emsid.estimation.compiled import read_only
 from emsid.estimation.fit import Fit
 from emsid.models.c_form import CForm, number, total
 from emsid.models.capabilities import Capabilities, Modes
-from emsid.models.characteristics import Characteristic, gain_unit, modes
+from emsid.models.characteristics import Characteristic, check_channel, gain_unit, modes
 from emsid.models.linear.polynomials import PolynomialModel
 from emsid.models.linear.prediction_error import PolynomialStructure, fit_polynomials
 from emsid.models.linear.process_model import ProcessModel, ProcessStructure, fit_process
@@ -32,7 +32,6 @@ from emsid.models.linear.transfer_function import (
     fit_transfer_function,
 )
 from emsid.models.refit_data import Budget, Data
-from emsid.models.steady_state import check_channel
 from emsid.models.stepping import Stepper
 from emsid.record import Record
 

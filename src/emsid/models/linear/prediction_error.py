@@ -33,8 +33,7 @@ from emsid.estimation.linear.information import Information
 from emsid.estimation.linear.least_squares import check_excitation
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.nonlinear.problem import Block, Infeasible
-from emsid.estimation.nonlinear.without_samples import Mask, without
+from emsid.estimation.nonlinear.problem import Block, Infeasible, Mask, without
 from emsid.models.linear.polynomials import PolynomialModel, coefficient_names
 from emsid.models.regression.instruments import fit_instruments
 from emsid.models.regression.structures import arx

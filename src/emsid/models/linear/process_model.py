@@ -32,7 +32,7 @@ from emsid.errors import ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
-from emsid.estimation.nonlinear.without_samples import Mask, without
+from emsid.estimation.nonlinear.problem import Mask, without
 from emsid.models.linear.mixed_problem import LinearProblem
 from emsid.models.linear.state_space import StateSpaceModel, ThroughStateSpace, as_form
 from emsid.models.linear.system import LinearSystem

@@ -39,8 +39,7 @@ from emsid.estimation.linear.vector_fitting import fitted_poles, most_pairs, wit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import SQUARES, Block, Columns, Infeasible, SparseProblem, trial_cost
-from emsid.estimation.nonlinear.without_samples import Mask
+from emsid.estimation.nonlinear.problem import SQUARES, Block, Columns, Infeasible, Mask, SparseProblem, trial_cost
 from emsid.models.linear.state_space import StateSpaceModel
 from emsid.record import Record, check_same_channels
 from emsid.selection.improvement import matters

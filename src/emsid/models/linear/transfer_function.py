@@ -31,8 +31,8 @@ from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
+from emsid.estimation.nonlinear.problem import Mask, without
 from emsid.estimation.nonlinear.rational import fit_rational
-from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.models.linear.mixed_problem import LinearProblem
 from emsid.models.linear.state_space import StateSpaceModel, ThroughStateSpace, as_form
 from emsid.models.linear.system import LinearSystem

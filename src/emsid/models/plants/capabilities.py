@@ -18,7 +18,7 @@ from emsid.findings import Finding
 from emsid.models.bands import Band, BandedCurve, Quantity
 from emsid.models.c_form import CForm
 from emsid.models.capabilities import Capabilities
-from emsid.models.characteristics import Characteristic
+from emsid.models.characteristics import Characteristic, check_channel
 from emsid.models.linear.system import LinearSystem
 from emsid.models.plants.c_form import c_form
 from emsid.models.plants.datasheet import applicable
@@ -32,7 +32,6 @@ from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.trusted_length import trusted_length_over
 from emsid.models.plants.stepping import PlantStepper
 from emsid.models.refit_data import Budget, Data
-from emsid.models.steady_state import check_channel
 from emsid.models.stepping import Stepper
 from emsid.plant import Motor
 from emsid.record import Record

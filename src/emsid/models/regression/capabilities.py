@@ -23,7 +23,7 @@ from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.models.bands import POINTS, Band, banded
 from emsid.models.c_form import CForm
 from emsid.models.capabilities import Capabilities, Modes
-from emsid.models.characteristics import Characteristic, by_estimate, gain_unit, half_of, modes
+from emsid.models.characteristics import Characteristic, by_estimate, check_channel, gain_unit, half_of, modes, settled
 from emsid.models.linear.state_space import observer_form
 from emsid.models.linear.system import LinearSystem
 from emsid.models.refit_data import Budget, Data
@@ -35,7 +35,6 @@ from emsid.models.regression.intervals import with_robust_intervals
 from emsid.models.regression.narx import Narx, Structure
 from emsid.models.regression.regressors import Regressor
 from emsid.models.regression.transforms import Transform, slope
-from emsid.models.steady_state import check_channel, settled
 from emsid.models.stepping import Stepper
 from emsid.models.visited import Needs, RestsOn, Visited
 from emsid.record import Record

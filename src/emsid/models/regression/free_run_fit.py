@@ -51,9 +51,8 @@ from emsid.estimation.linear.least_squares import check_excitation, least_square
 from emsid.estimation.nonlinear.control import FREE, Control
 from emsid.estimation.nonlinear.gauss_newton import gauss_newton
 from emsid.estimation.nonlinear.minimum import Minimum
-from emsid.estimation.nonlinear.problem import Array, Block, Infeasible, Problem
+from emsid.estimation.nonlinear.problem import Array, Block, Infeasible, Mask, Problem, without
 from emsid.estimation.nonlinear.restarts import begun_again, begun_around, confirmed, nearer
-from emsid.estimation.nonlinear.without_samples import Mask, without
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.model import check_samples
 from emsid.models.regression.narx import Narx, Structure

@@ -23,8 +23,7 @@ from emsid.models.blocks.fitting import static_band
 from emsid.models.blocks.gain import fixed_gains
 from emsid.models.blocks.static_maps import Scaling, StaticMap
 from emsid.models.feedback.coordinates import Visited, free_lines
-from emsid.models.feedback.curves import visited_in_free_run
-from emsid.models.feedback.map_bands import map_band
+from emsid.models.feedback.curves import map_band, visited_in_free_run
 from emsid.models.one_channel import check_one_channel
 from emsid.report.document import Axis, Dash, Figure, Histogram, Ink, Line, Mark, Plot, Points, Stroke
 from emsid.report.numbers import capital, slug

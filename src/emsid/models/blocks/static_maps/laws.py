@@ -18,8 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from emsid.errors import ModelError
 from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.findings import Finding
-from emsid.models.blocks.static_maps.inverse import monotone_inverse, numbers_of
-from emsid.models.blocks.static_maps.static_map import NumberedMap, Pieces, closest, combination
+from emsid.models.blocks.static_maps.static_map import (
+    NumberedMap,
+    Pieces,
+    closest,
+    combination,
+    monotone_inverse,
+    numbers_of,
+)
 from emsid.models.terms import sum_of_terms
 
 Array = NDArray[np.float64]

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.findings import Finding
-from emsid.models.blocks.static_maps.inverse import monotone_inverse
-from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
+from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest, monotone_inverse
 from emsid.models.terms import sum_of_terms, vector
 
 Array = NDArray[np.float64]

@@ -28,8 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
 from emsid.findings import Finding
-from emsid.models.blocks.static_maps.inverse import inverse_with_straight_ends
-from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
+from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest, inverse_with_straight_ends
 from emsid.models.blocks.static_maps.through_points import CubicSpline, ThroughPoints, spread_knots, with_middles
 from emsid.models.terms import vector
 

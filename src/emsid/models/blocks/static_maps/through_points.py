@@ -17,8 +17,7 @@ from emsid.compiled import njit
 from emsid.errors import ModelError
 from emsid.estimation.compiled import read_only
 from emsid.findings import Finding
-from emsid.models.blocks.static_maps.inverse import inverse_with_straight_ends
-from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest
+from emsid.models.blocks.static_maps.static_map import Pieces, StaticMap, closest, inverse_with_straight_ends
 from emsid.models.terms import vector
 
 Array = NDArray[np.float64]

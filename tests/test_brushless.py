@@ -87,6 +87,12 @@ def test_halving_the_step_of_a_drive_without_dead_time_quarters_the_error() -> N
     assert np.std(runs[0] - runs[1]) > 3 * np.std(runs[1] - runs[2]) > 0
 
 
+def test_a_constant_load_acts_once() -> None:
+    plant = emsid.plants.brushless(flux=0.0, load_torque=0.01, inertia=1e-4, friction=emsid.Friction(0.0))
+    speed = plant.simulate(np.zeros((1000, 2)), 1e-4, np.zeros(7), (Signal.SPEED,))[:, 0]
+    assert speed == pytest.approx(-0.01 / 1e-4 * 1e-4 * np.arange(1000))
+
+
 def test_a_fit_finds_the_constants_of_a_drive() -> None:
     plant = replace(emsid.plants.brushless(delay=1e-4, advance=1.5e-4, held_in="stator"), dead_time_voltage=0.05)
     fit = emsid.fit(plant, driven(DRIVE, 1, 0.4).record())

@@ -326,7 +326,7 @@ class Brushless(Plant):
         columns = [self.roles.index(name) if name in self.roles else -1 for name in _COLUMNS]
         machine = Machine(
             self.resistance, self.inductance_d, self.inductance_q, self.flux, self.pole_pairs,
-            self.inertia + self.gravity.inertia, self.load_torque, self.advance, self.dead_time_voltage,
+            self.inertia + self.gravity.inertia, self.advance, self.dead_time_voltage,
             self.dead_time_current, 1.0 - np.exp(-dt / self.sensor_lag) if self.sensor_lag else 1.0,
             1.0 - np.exp(-dt / FOLLOWING),
             self.heating,
@@ -518,7 +518,6 @@ class Machine(NamedTuple):
     flux: float
     pairs: float
     inertia: float
-    load: float
     advance: float
     dead: float
     width: float
@@ -683,7 +682,7 @@ def _step(
                 phase = m.ripple[k, 0] * middle
                 more += m.ripple[k, 1] * np.cos(phase) + m.ripple[k, 2] * np.sin(phase)
             for k in range(2):
-                work[0, k], work[1, k] = torque * more - m.load, 0.0
+                work[0, k], work[1, k] = torque * more, 0.0
             work[6, 0] = 0.0
             alone = Body(m.inertia, 0.0)
             move(alone, friction, work[0], work[1], work[6], h, 0.0, 1, 0, motion, work[2], work[3], work[4])

@@ -14,7 +14,7 @@ import emsid
 from emsid.errors import DataError, ModelError
 from emsid.exports.firmware import crossover
 from emsid.plants import Brushless, Harmonic, Hold, Signal
-from independent.switched_drive import Drive, Log, driven, logged
+from independent.switched_drive import NONE, Drive, Log, driven, logged
 from model_examples import DT
 from test_export_c import in_c
 
@@ -41,8 +41,8 @@ def plant_of(drive: Drive) -> Brushless:
         inertia=drive.inertia,
         viscous_friction=drive.viscous,
         friction=emsid.Friction(drive.coulomb),
-        cogging=(Harmonic(*drive.cogging),) if drive.cogging[0] else (),
-        torque_ripple=(Harmonic(*drive.ripple),) if drive.ripple[0] else (),
+        cogging=tuple(Harmonic(int(n), c, s) for n, c, s in drive.cogging if n),
+        torque_ripple=tuple(Harmonic(int(n), c, s) for n, c, s in drive.ripple if n),
         delay=drive.period,
         advance=drive.advance * drive.period,
         dead_time_voltage=drive.dead,
@@ -65,7 +65,7 @@ def simulated(plant: Brushless, log: Log, record: emsid.Record) -> np.ndarray:
     [
         DRIVE,
         DRIVE._replace(advance=0.0),
-        DRIVE._replace(cogging=(42.0, 4e-3, -3e-3), ripple=(42.0, 0.02, 0.04)),
+        DRIVE._replace(cogging=((42.0, 4e-3, -3e-3),), ripple=((42.0, 0.02, 0.04),)),
         DRIVE._replace(capacity=2.0, conductance=0.5),
     ],
     ids=["dead time", "angle not advanced", "ripple", "warming"],
@@ -75,7 +75,7 @@ def test_a_plant_follows_a_drive_that_is_simulated_in_the_stator(drive: Drive) -
     record = log.record()
     error = (simulated(replace(plant_of(drive), steps=8), log, record) - record.output).std(axis=0)
     assert np.all(error < [5e-3, 5e-3, 0.02]), error  # of 12 A and 100 rad/s
-    other = plant_of(drive._replace(dead_time=0.0, cogging=(0.0, 0.0, 0.0), capacity=1e9))
+    other = plant_of(drive._replace(dead_time=0.0, cogging=(NONE,), capacity=1e9))
     assert np.any((simulated(other, log, record) - record.output).std(axis=0) > [0.1, 0.1, 0.3])
 
 
@@ -103,7 +103,7 @@ def test_a_fit_finds_the_constants_of_a_drive() -> None:
 
 
 def test_blocks_samples_files_and_c_give_the_numbers_of_one_run(tmp_path: Path) -> None:
-    drive = DRIVE._replace(cogging=(42.0, 0.0, -3e-3), ripple=(42.0, 0.02, 0.04), capacity=2.0, conductance=0.5)
+    drive = DRIVE._replace(cogging=((42.0, 0.0, -3e-3),), ripple=((42.0, 0.02, 0.04),), capacity=2.0, conductance=0.5)
     record = driven(drive, 0, 0.02).record()
     model = emsid.plants.GreyBox(replace(plant_of(drive), delay=1.5e-4).for_command(record), SIGNALS)
     assert emsid.plants.GreyBox.from_data(model.to_data()).plant == model.plant

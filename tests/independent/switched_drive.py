@@ -4,7 +4,9 @@ The motor: three windings in a star, whose inductances change with the angle,
 
     v_k − v_n = R·i_k + dλ_k/dt,      λ = L(φ)·i + ψ·(cos φ, cos(φ − 2π/3), cos(φ + 2π/3)),      φ = p·θ,
     L_jk = L_0·cos(2π/3·(j − k)) + L_2·cos(2φ − 2π/3·(j + k)),      L_d, L_q = 3/2·(L_0 ± L_2),
-    T = p·(½·iᵀ·∂L/∂φ·i + iᵀ·∂ψ/∂φ).
+    T = p·(½·iᵀ·∂L/∂φ·i + iᵀ·∂ψ/∂φ)·(1 + r(θ)) − c(θ),
+
+with the ripple r and the cogging c as sums of harmonics of the angle of the shaft.
 
 The currents are those of two phases; nothing is transformed to the frame of the rotor but in the controller. The leg of
 a phase is high for the commanded part of a period of the carrier, in its middle. After every edge both switches are off
@@ -32,6 +34,7 @@ FINE = 50
 """Steps in a period of the carrier; an edge within a step counts by its part of it."""
 BEFORE = 20
 """Readings before the log begins, so that the voltage that acts at its start is not in it."""
+NONE = (0.0, 0.0, 0.0)
 NOISE = {"current": 0.05, "speed": 0.5, "angle": 1.1e-4}
 """Standard deviations in A, rad/s and rad; the last is that of the counts of an encoder of 14 bits."""
 
@@ -56,8 +59,8 @@ class Drive(NamedTuple):
     proportional: float = 0.12
     integral: float = 120.0
     limit: float = 12.0
-    cogging: tuple[float, float, float] = (0.0, 0.0, 0.0)  # harmonic per turn, cosine and sine in N·m
-    ripple: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the same, as parts of the torque
+    cogging: tuple[tuple[float, float, float], ...] = (NONE,)  # harmonics per turn, cosine and sine in N·m
+    ripple: tuple[tuple[float, float, float], ...] = (NONE,)  # the same, as parts of the torque
     capacity: float = 1e9
     conductance: float = 0.0
 
@@ -98,10 +101,12 @@ def _slopes(m, i_a, i_b, angle, speed, warmer, v_a, v_b, v_c, side):  # type: ig
     a, b, c, d = a - e, b - e, c - f, d - f
     x, y, of = pull[0] - pull[2], pull[1] - pull[2], a * d - b * c
     torque *= m.pairs
-    n, cosine, sine = m.ripple
-    torque *= 1.0 + cosine * np.cos(n * angle) + sine * np.sin(n * angle)
-    n, cosine, sine = m.cogging
-    torque -= cosine * np.cos(n * angle) + sine * np.sin(n * angle)
+    whole = 1.0
+    for n, cosine, sine in m.ripple:
+        whole += cosine * np.cos(n * angle) + sine * np.sin(n * angle)
+    torque *= whole
+    for n, cosine, sine in m.cogging:
+        torque -= cosine * np.cos(n * angle) + sine * np.sin(n * angle)
     heat = resistance * (i[0] ** 2 + i[1] ** 2 + i[2] ** 2) - m.conductance * warmer
     rate = (torque - m.viscous * speed - side * m.coulomb) / m.inertia
     return (d * x - b * y) / of, (a * y - c * x) / of, rate, heat / m.capacity, torque
@@ -123,10 +128,10 @@ def _high(begin, end, at, step):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _simulated(m, d_wanted, q_wanted, speed_wanted, added, noise, locked):  # type: ignore[no-untyped-def]
-    """(N, 11) v_d, v_q, i_d, i_q, speed, read angle, warmer, readings of i_d, i_q, and of two phases, every reading."""
+def _simulated(m, d_wanted, q_wanted, speed_wanted, added, noise, locked, table):  # type: ignore[no-untyped-def]
+    """(N, 12) v_d, v_q, i_d, i_q, speed, read angle, warmer, readings of i_d, i_q, and of two phases, and the torque."""
     n, third = len(d_wanted), 2.0 * np.pi / 3.0
-    out = np.empty((n, 11))
+    out = np.empty((n, 12))
     i_a = i_b = angle = speed = warmer = 0.0
     sum_d = sum_q = 0.0
     acting, coming = np.zeros(3), np.zeros(3)
@@ -140,12 +145,16 @@ def _simulated(m, d_wanted, q_wanted, speed_wanted, added, noise, locked):  # ty
         wanted = q_wanted[k]
         if not np.isnan(speed_wanted[k]):
             wanted = min(max(0.08 * (speed_wanted[k] - speed), -m.limit), m.limit)
+        if len(table):
+            row = int(np.floor(seen / (2.0 * np.pi) * len(table))) % len(table)
+            wanted = wanted * table[row, 1] + table[row, 0]
         error_d, error_q = d_wanted[k] - seen_d, wanted - seen_q
         sum_d, sum_q = sum_d + error_d * period, sum_q + error_q * period
         v_d = m.proportional * error_d + m.integral * sum_d + added[k, 0]
         v_q = m.proportional * error_q + m.integral * sum_q + added[k, 1]
         out[k, :7] = v_d, v_q, i_d, i_q, speed, seen, warmer
-        out[k, 7:] = seen_d, seen_q, read_a, read_b
+        out[k, 7:11] = seen_d, seen_q, read_a, read_b
+        out[k, 11] = _slopes(m, i_a, i_b, angle, speed, warmer, 0.0, 0.0, 0.0, 0.0)[4]
         turned = m.pairs * (seen + m.advance * period * speed)
         for j in range(3):
             coming[j] = v_d * np.cos(turned - third * j) - v_q * np.sin(turned - third * j)
@@ -197,6 +206,7 @@ class Log(NamedTuple):
     warmer: Array
     period: float
     before: Array
+    torque: Array
 
     def record(
         self, outputs: str = "i_d i_q speed", every: int = 1, inputs: str = "v_d v_q angle", name: str = "drive"
@@ -220,6 +230,7 @@ def logged(
     added: Array | float = 0.5,
     locked: bool = False,
     noisy: bool = True,
+    table: Array | None = None,
 ) -> Log:
     """The log of a drive that follows currents (N,), or a speed (N,) where that is not NaN.
 
@@ -230,17 +241,18 @@ def logged(
         added: voltages (N, 2) that are added to those of the controller, or the size of random ones.
         locked: whether the rotor is held.
         noisy: whether the readings have noise.
+        table: (M, 2) for M equal parts of a turn, what is added to the q-current in A, and by what it is multiplied.
     """
     rng = np.random.default_rng(seed)
     more = added * rng.choice([-1.0, 1.0], (len(d), 2)) if isinstance(added, float) else added
     d, q, speed = (np.concatenate([np.repeat(each[:1], BEFORE), each]) for each in (d, q, speed))
     more = np.concatenate([np.zeros((BEFORE, 2)), more])
     noise = noisy * rng.standard_normal((len(d), 3)) * [NOISE["current"], NOISE["current"], NOISE["angle"]]
-    whole = _simulated(drive, d, q, speed, more, noise, locked)
+    whole = _simulated(drive, d, q, speed, more, noise, locked, np.zeros((0, 2)) if table is None else table)
     found = whole[BEFORE:]
     speeds = found[:, 4] + noisy * NOISE["speed"] * rng.standard_normal(len(found))
-    v_d, v_q, angle, warmer, i_d, i_q, i_a, i_b = found[:, [0, 1, 5, 6, 7, 8, 9, 10]].T
-    return Log(v_d, v_q, i_d, i_q, i_a, i_b, speeds, angle, warmer, drive.period, whole[BEFORE - 1, :2])
+    v_d, v_q, angle, warmer, i_d, i_q, i_a, i_b, torque = found[:, [0, 1, 5, 6, 7, 8, 9, 10, 11]].T
+    return Log(v_d, v_q, i_d, i_q, i_a, i_b, speeds, angle, warmer, drive.period, whole[BEFORE - 1, :2], torque)
 
 
 def driven(drive: Drive, seed: int, seconds: float = 1.0, top: float = 150.0, noisy: bool = True) -> Log:

@@ -27,8 +27,8 @@ POINTS = 300
 LOWEST = 1e-4
 """The lowest frequency of a response, as a part of half the sampling frequency."""
 
-BLOCK = 16
-"""Samples of a step response that are computed by one product of matrices."""
+BLOCK = 64
+"""Samples of a step response that are computed by one product of matrices; a power of two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,21 @@ class Plants:
     @property
     def nominal(self) -> Plants:
         """The first one alone."""
-        arrays = {name: getattr(self, name)[:1] for name in ("mass", "damping", "stiffness", "force")}
-        return replace(self, **arrays, shaft=None if self.shaft is None else self.shaft[:1])
+        return self._those([0])
+
+    @property
+    def different(self) -> Plants:
+        """Without those that are equal to an earlier one, as plants are that differ in dry friction only."""
+        rows = np.column_stack([self.mass, self.damping, self.stiffness, self.force, *self._shafts])
+        return self._those(np.sort(np.unique(rows, axis=0, return_index=True)[1]).tolist())
+
+    @property
+    def _shafts(self) -> list[Array]:
+        return [] if self.shaft is None else [self.shaft]
+
+    def _those(self, which: list[int]) -> Plants:
+        arrays = {name: getattr(self, name)[which] for name in ("mass", "damping", "stiffness", "force")}
+        return replace(self, **arrays, shaft=None if self.shaft is None else self.shaft[which])
 
     def with_mode(self, resonance: tuple[Array, Array], antiresonance: Array) -> Plants:
         """The same plants of one mass with a measured mode, as two masses.
@@ -159,6 +172,13 @@ class Sampled:
         later = (after @ first[:, :n, n:])[:, :, 0]
         return cls(after @ first[:, :n, :n], second[:, :n, n], later, samples, dt, plants.stiffness / plants.force)
 
+    def alone(self, k: int) -> Sampled:
+        """The plant with this number."""
+        one = slice(k, k + 1)
+        return replace(
+            self, transition=self.transition[one], late=self.late[one], later=self.later[one], bearing=self.bearing[one]
+        )
+
     def response(self, w: Array) -> Complex:
         """(P, F) from the command to the position at the samples."""
         z = np.exp(1j * w * self.dt)
@@ -254,7 +274,7 @@ def controller_response(w: Array, settings: Settings) -> tuple[Complex, Complex]
 
 
 def step_responses(sampled: Sampled, settings: Settings, samples: int) -> Array:
-    """(at least samples, P) position of the plants after a step of its reference; without a position loop, their speed.
+    """(samples, P) position of the plants after a step of its reference; without a position loop, their speed.
 
     Gravity and cogging are borne at the reference by the feed-forward.
 
@@ -279,16 +299,14 @@ def step_responses(sampled: Sampled, settings: Settings, samples: int) -> Array:
     if follows:
         step[:, :n, -1] += (sampled.late + sampled.later) * sampled.bearing[:, None]
     step[:, reads, reads], step[:, reads, 0], step[:, reads, -1] = a, b[:, 0], b[:, 1 if follows else 2]
-    out = np.zeros((count, 1, size))
-    out[:, 0, 0 if follows else 1] = 1.0
-    rows = [out]
-    for _ in range(BLOCK - 1):
-        rows.append(rows[-1] @ step)
-    reading, ahead = np.concatenate(rows, axis=1), np.linalg.matrix_power(step, BLOCK)
+    reading, ahead = np.zeros((count, 1, size)), step
+    reading[:, 0, 0 if follows else 1] = 1.0
+    while reading.shape[1] < BLOCK:
+        reading, ahead = np.concatenate([reading, reading @ ahead], axis=1), ahead @ ahead
     state = np.zeros((count, size, 1))
     state[:, -1] = 1.0
     found = []
     for _ in range(-(-samples // BLOCK)):
         found.append((reading @ state)[:, :, 0].T)
         state = ahead @ state
-    return np.concatenate(found)
+    return np.asarray(np.concatenate(found)[:samples])

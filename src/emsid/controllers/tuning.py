@@ -92,17 +92,24 @@ class LoopResponses:
     @classmethod
     def of(cls, response: Complex, w: Array, settings: Settings) -> LoopResponses:
         """From the response (P, F) of the plants from the command to the position."""
-        back, ahead = controller_response(w, settings)
-        whole, dt = response * back, settings.dt
-        if not settings.position > 0:
-            ahead = controller_response(w, replace(settings, per_acceleration=0.0))[1] * (1 - np.exp(-1j * w * dt)) / dt
-        closed = response * ahead / (1 + whole)
-        return cls(w, whole, closed)
+        back, ahead = responses(w, settings)
+        whole = response * back
+        return cls(w, whole, response * ahead / (1 + whole))
 
     @property
     def margins(self) -> Margins:
         """The worst of all."""
         return margins(self.whole)
+
+
+def responses(w: Array, settings: Settings) -> tuple[Complex, Complex]:
+    """(F,) from the position, against its sign, to the command, and from the reference to the command; without a
+    position loop from the speed of a reference position, without the feed-forward of the acceleration."""
+    back, ahead = controller_response(w, settings)
+    if not settings.position > 0:
+        speed = controller_response(w, replace(settings, per_acceleration=0.0))[1]
+        ahead = speed * (1 - np.exp(-1j * w * settings.dt)) / settings.dt
+    return back, ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,23 +183,6 @@ def by_difference(settings: Settings, alpha: float) -> Settings:
     return replace(settings, model=(1.0, settings.dt, 0.0, 0.0), correction=(1.0, alpha / settings.dt, 0.0), adapt=0.0)
 
 
-def judged(sampled: Sampled, response: Complex, w: Array, settings: Settings, shape: Shape) -> Tuned:
-    """What a cascade reaches."""
-    loops = LoopResponses.of(response, w, settings)
-    found = loops.margins
-    width = bandwidth(w, loops.closed[0])
-    overshoot = inf
-    if found.hold(LEAST):
-        horizon = HORIZON / width
-        samples = int(min(max(horizon / settings.dt, 50), MOST_SAMPLES))
-        after = step_responses(sampled, settings, samples)
-        with np.errstate(invalid="ignore"):
-            overshoot = float(np.nan_to_num(np.max(after) - 1.0, nan=inf))
-            if not np.max(np.abs(after[-1] - 1.0)) < 0.5:  # it does not come to rest: unstable
-                overshoot = inf
-    return Tuned(settings, width, found, max(overshoot, 0.0), shape)
-
-
 def fastest(
     plants: Plants,
     base: Settings,
@@ -219,7 +209,7 @@ def fastest(
     Returns:
         The cascade; None where no bandwidth holds.
     """
-    base = replace(base, delay=delay + plants.lag)
+    base, plants = replace(base, delay=delay + plants.lag), plants.different
     w, sampled = frequencies(base.dt), Sampled.of(plants, base.dt, delay)
     response = sampled.response(w)
     reached = plants.mode is not None and plants.mode[0] < np.pi / base.dt
@@ -229,51 +219,99 @@ def fastest(
         for notch in ((0.0, *NOTCHES) if reached else (0.0,))
         for each in ([(k, n, 0.0) for k in OBSERVERS for n in LOADS] if observer else [(0.0, 0.0, b) for b in INTEGRAL])
     ]
-    each = (_of_shape(sampled, response, w, base, plants, shape, overshoot, wanted) for shape in shapes)
-    found = [tuned for tuned in each if tuned is not None]
+    asked = _Asked(plants, base, sampled, response, w, overshoot, wanted)
+    found = [tuned for tuned in map(asked.fastest, shapes) if tuned is not None]
     best = max((tuned.bandwidth for tuned in found), default=0.0)
     found = [tuned for tuned in found if tuned.bandwidth >= ALIKE * best]
     return max(found, key=lambda tuned: abs(controller_response(w[:1], tuned.settings)[0][0]), default=None)
 
 
-def _of_shape(
-    sampled: Sampled,
-    response: Complex,
-    w: Array,
-    base: Settings,
-    plants: Plants,
-    shape: Shape,
-    overshoot: float,
-    wanted: float,
-) -> Tuned | None:
-    """The fastest cascade of a shape, not faster than wanted, by bisection of the logarithm of its crossover."""
+@dataclass(eq=False)
+class _Asked:
+    """The plants of a cascade, and what it has to keep with all of them.
 
-    def good(crossover: float) -> Tuned | None:
-        settings = shaped(response, w, base, plants, crossover, shape)
+    Most cascades that a search tries fail with the plant that the last one has failed with. It is tried first, alone.
+
+    Attributes:
+        plants, base: see `fastest`.
+        sampled, response: the plants over a sample, and their responses (P, F) at the frequencies ``w``.
+        overshoot, wanted: see `fastest`.
+        least_stable, most_overshooting: the plants whose margins or whose overshoot was the worst of the last cascade
+            that failed.
+    """
+
+    plants: Plants
+    base: Settings
+    sampled: Sampled
+    response: Complex
+    w: Array
+    overshoot: float
+    wanted: float
+    least_stable: int = 0
+    most_overshooting: int = 0
+
+    def fastest(self, shape: Shape) -> Tuned | None:
+        """The fastest cascade of a shape, not faster than wanted, by bisection of the logarithm of its crossover."""
+        high = np.log(min(1.0 / self.base.dt, 1e6))
+        low, best = high - np.log(10.0), None
+        while (best := self.judged(float(np.exp(low)), shape)) is None:
+            high, low = low, low - np.log(10.0)
+            if low < np.log(self.w[0]):
+                return None
+        for _ in range(STEPS):
+            middle = 0.5 * (low + high)
+            tuned = self.judged(float(np.exp(middle)), shape)
+            if tuned is None:
+                high = middle
+            else:
+                low, best = middle, tuned
+        return best
+
+    def judged(self, crossover: float, shape: Shape) -> Tuned | None:
+        """What a cascade of a shape reaches; None where it does not keep what it has to."""
+        settings = shaped(self.response, self.w, self.base, self.plants, crossover, shape)
         if settings.per_count > settings.spare:
             return None
-        for prefilter in (1.0,) if shape.ratio < inf else prefilters(crossover, base.dt):
-            tuned = judged(sampled, response, w, replace(settings, prefilter=prefilter), shape)
-            if tuned.bandwidth > wanted * 1.005 or not tuned.margins.hold(LEAST):
+        for prefilter in (1.0,) if shape.ratio < inf else prefilters(crossover, self.base.dt):
+            tried = replace(settings, prefilter=prefilter)
+            back, ahead = responses(self.w, tried)
+            width = bandwidth(self.w, self.response[0] * ahead / (1 + self.response[0] * back))
+            if width > self.wanted * 1.005 or (found := self._margins(back)) is None:
                 return None
-            if tuned.overshoot <= overshoot:
-                return tuned
+            overshoot = self._overshoot(tried, width)
+            if overshoot <= self.overshoot:
+                return Tuned(tried, width, found, overshoot, shape)
         return None
 
-    high = np.log(min(1.0 / base.dt, 1e6))
-    low, best = high - np.log(10.0), None
-    while (best := good(float(np.exp(low)))) is None:
-        high, low = low, low - np.log(10.0)
-        if low < np.log(w[0]):
+    def _margins(self, back: Complex) -> Margins | None:
+        """The worst margins of all; None where they do not hold."""
+        first = slice(self.least_stable, self.least_stable + 1)
+        if not margins(self.response[first] * back).hold(LEAST):
             return None
-    for _ in range(STEPS):
-        middle = 0.5 * (low + high)
-        tuned = good(float(np.exp(middle)))
-        if tuned is None:
-            high = middle
+        loops = self.response * back
+        found = margins(loops)
+        if found.hold(LEAST):
+            return found
+        self.least_stable = int(np.argmin(np.min(np.abs(1 + loops), axis=1)))
+        return None
+
+    def _overshoot(self, settings: Settings, width: float) -> float:
+        """The largest overshoot of a step, or one that is too large; infinite where a loop does not come to rest."""
+        samples = int(min(max(HORIZON / width / settings.dt, 50), MOST_SAMPLES))
+        found = 0.0
+        for sampled in (self.sampled.alone(self.most_overshooting), self.sampled):
+            after = step_responses(sampled, settings, samples)
+            with np.errstate(invalid="ignore"):
+                found = float(np.nan_to_num(np.max(after) - 1.0, nan=inf))
+                if not np.max(np.abs(after[-1] - 1.0)) < 0.5:  # it does not come to rest: unstable
+                    found = inf
+            if found > self.overshoot:
+                break
         else:
-            low, best = middle, tuned
-    return best
+            return max(found, 0.0)
+        if after.shape[1] > 1:
+            self.most_overshooting = int(np.argmax(np.max(after, axis=0)))
+        return found
 
 
 def prefilters(crossover: float, dt: float) -> Sequence[float]:

@@ -156,7 +156,7 @@ def _nearest(here: Complex, there: Complex) -> NDArray[np.int64]:
     if distances.size:
         nearest: NDArray[np.int64] = distances.argmin(axis=1)
         if len(set(nearest.tolist())) == len(nearest):  # no sum is less
-            return nearest
+            return np.asarray(nearest)
     from scipy.optimize import linear_sum_assignment  # takes a sixth of a second to import
 
     return np.asarray(linear_sum_assignment(distances)[1])

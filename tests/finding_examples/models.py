@@ -157,6 +157,11 @@ EXAMPLES: tuple[Finding, ...] = (
     ),
     Finding("input-taken-as-constant", "force", {"between": "band-limited", "ratio": 41.5}),
     Finding("input-taken-as-linear", "force", {"between": "band-limited", "ratio": 2.72}),
+    Finding(
+        "input-between-rows-unknown",
+        "brushless",
+        {"parameters": ["resistance", "inductance_d"], "inputs": ["v_d", "v_q"], "rows": 9, "ratio": 1.26},
+    ),
     Finding("input-between-samples", "voltage", {"straight": 1, "held": 0}),
     Finding("input-between-samples", "voltage", {"straight": 2, "held": 1}),
     Finding("speed-is-a-mean", "speed"),

@@ -86,7 +86,7 @@ class Estimate:
         return self.status in (Status.ESTIMATED, Status.CONDITIONAL, Status.ASSUMING)
 
 
-BY_NOBODY = (Status.KEPT, Status.BUILT_IN, Status.AT_BOUND)
+BY_NOBODY = (Status.KEPT, Status.BUILT_IN, Status.AT_BOUND, Status.UNDETERMINED)
 """Values that nobody gave, unless a datasheet has them, and that no data determine."""
 
 

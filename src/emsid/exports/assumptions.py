@@ -19,7 +19,7 @@ def assumed(fit: Fit[Any] | None) -> tuple[Estimate, ...]:
     if fit is None:
         return ()
     needed = {row.name for row in fit.assumed}
-    invented = (Status.KEPT, Status.BUILT_IN)
+    invented = (Status.KEPT, Status.BUILT_IN, Status.UNDETERMINED)
     return tuple(
         row
         for row in fit.table

@@ -70,7 +70,7 @@ def parameter_rows(fit: Fit[Any]) -> list[ParameterRow]:
 
 def _row(name: str, value: float, half: float | None, unit: str, status: str, how: str) -> ParameterRow:
     shown = readable_unit(unit) if unit else ""
-    if half is None or status in (Status.KEPT, Status.FIXED, Status.AT_BOUND):
+    if half is None or status in (Status.KEPT, Status.FIXED, Status.AT_BOUND, Status.UNDETERMINED):
         return ParameterRow(name, number(value), how, shown)
     if not isfinite(half):
         return ParameterRow(name, number(value), "not determined by these data", shown)

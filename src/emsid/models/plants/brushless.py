@@ -222,6 +222,14 @@ class Brushless(Plant):
         letters = [each for each in name.lower().replace("_", "") if each in "dq"]
         return Signal.D_CURRENT if letters[:1] == ["d"] else Signal.Q_CURRENT
 
+    def acting(self, inputs: int) -> tuple[int, ...]:
+        """The voltages, or the duty."""
+        return tuple(k for k, name in enumerate(self.roles) if name in ("v_d", "v_q", "duty"))
+
+    def driven_by_means(self) -> Self:
+        """The motor with voltages that turn with its rotor: controller and inverter act many times in a sample."""
+        return replace(self, held_in="rotor")
+
     @property
     def frictions(self) -> Mapping[str, FrictionLaw]:
         """Its dry friction."""

@@ -340,6 +340,21 @@ class Plant(ABC):
         """The plant with every smoother course of the input between samples that no search tries; none."""
         return ()
 
+    def acting(self, inputs: int) -> tuple[int, ...]:
+        """The columns, of this number of inputs, that act between samples; all of them."""
+        return tuple(range(inputs))
+
+    def driven_by_means(self) -> Plant:
+        """The plant where a mean over rows of the input acts in a sample, and not a value that is held; the same."""
+        return self
+
+    def means_of(self, inputs: Array, rows: int) -> Array:
+        """Inputs (N, nu), the acting ones as the means over an odd number of rows around each."""
+        found, half = inputs.copy(), rows // 2
+        for k in self.acting(inputs.shape[1]):
+            found[:, k] = np.convolve(np.pad(inputs[:, k], half, mode="edge"), np.full(rows, 1 / rows), "valid")
+        return found
+
     def motion(self, inputs: Array, dt: float, state: Array) -> Array | None:
         """(N,) the true speed, without the sensor, exactly 0 while friction holds it; None: not known."""
         return None

@@ -337,6 +337,7 @@ _MEANINGS = {
     "combinations with them; the interval does not include their uncertainty",
     Status.ASSUMING: "assuming …: nobody gave or measured these values, and the estimate scales with them",
     Status.KEPT: "not identifiable: the data do not determine this parameter, so it was kept at its start value",
+    Status.UNDETERMINED: "not determined by these data: the value is only the one at which the search ended",
     Status.FIXED: "fixed: given by the user and not estimated",
     Status.BUILT_IN: "built in: neither estimated nor given",
     Status.OF_PLANT: "of the plant given: not estimated",

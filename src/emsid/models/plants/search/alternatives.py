@@ -128,7 +128,7 @@ def alternatives(task: Task, problem: FreeRunError, names: Sequence[str], minimu
         return none
     data = {"instead": list(found), "of": mine, "late": missing > 0}
     errors = np.sqrt(np.diag(whole.covariance)[: len(names)])
-    return Addition(_spread(list(found.values()), errors), (Finding("alternatives-fit-as-well", driven.name, data),))
+    return Addition(spread(list(found.values()), errors), (Finding("alternatives-fit-as-well", driven.name, data),))
 
 
 def _has(task: Task, plant: DrivenPlant, names: Sequence[str], name: str) -> bool:
@@ -136,7 +136,7 @@ def _has(task: Task, plant: DrivenPlant, names: Sequence[str], name: str) -> boo
     return name in plant.handles and name not in task.fixed and (name in names or plant.value(name) != 0)
 
 
-def _spread(shifts: Sequence[Array], errors: Array) -> Array:
+def spread(shifts: Sequence[Array], errors: Array) -> Array:
     """(p, p) the covariance that makes the intervals of estimates, with these errors (p,), hold shifts (p,)."""
     products = np.sum([np.outer(shift, shift) for shift in shifts], axis=0)
     sizes = np.sqrt(np.diag(products))

@@ -75,21 +75,26 @@ def promising(task: Task, problem: FreeRunError, cost: float) -> list[Plant]:
     patterns = {(Hold.ZERO,) * len(task.segments)}
     for hold in (Hold.RECORD, Hold.FIRST) if open_to_all else (Hold.RECORD,):
         plant = problem.plant.with_hold(hold)
-        pattern = holds_in(plant, task.segments)
-        if pattern not in patterns and _promises_more(task, problem, plant, cost):
+        pattern, names = holds_in(plant, task.segments), list(problem.free)
+        if pattern not in patterns and promises_more(
+            problem, task.problem(plant, names, problem.states(problem.start)), cost
+        ):
             found.append(plant)
         patterns.add(pattern)
     return found
 
 
-def _promises_more(task: Task, problem: FreeRunError, straight: Plant, cost: float) -> bool:
-    """Whether another hold may simulate better than the minimum of a problem.
+def promises_more(problem: FreeRunError, other: FreeRunError, cost: float) -> bool:
+    """Whether another course of the input between its samples may simulate better than the minimum of a problem.
 
     The parameters can lower its free-run error by what they explain to first order, so no search is needed to rule it
     out.
+
+    Args:
+        problem: begun at its minimum.
+        other: of the same parameters, begun there.
+        cost: of the minimum.
     """
-    names = list(problem.free)
-    other = task.problem(straight, names, problem.states(problem.start))
     try:
         residual = np.concatenate(other.residuals(other.start))
     except Infeasible:

@@ -33,6 +33,7 @@ from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.slow_noise import slow_noise
 from emsid.models.plants.search.task import Task
 from emsid.models.plants.search.trusted_length import trusted_length
+from emsid.models.plants.search.unlogged_input import Unlogged, unlogged_input
 
 SEARCHES = "searches-agreeing"
 """The code of the finding that says how many searches ended at a minimum."""
@@ -47,11 +48,14 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     identifiability = identified_by(whole, task.asked, minimum)
     held, others = unconditional(len(names)), [nothing(len(names))]
     rounded = Rounded(problem, minimum, ())
+    unlogged = Unlogged(frozenset(), nothing(len(names)))
     if reached.unended:
+        unlogged = unlogged_input(task, problem, names, minimum)
         others = [
             model_error(task, problem, names, minimum)
             for model_error in (alternatives, slow_noise, slow_drift, load_drift)
         ]
+        others.append(unlogged.addition)
         inseparable = [name for group in identifiability.groups for name in group]
         held = conditions(task, found, names, minimum.free, states, float(minimum.noise_variance) ** 0.5, inseparable)
         rounded = within_rounding(task, problem, names, minimum)
@@ -64,8 +68,9 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     # what was held says nothing about the residual
     estimated = replace(estimated, covariance=estimated.covariance.copy())
     estimated.covariance[own, own] += held.covariance
-    rows = table(task, found, start, names, estimated, held)
+    rows = table(task, found, start, names, estimated, held, unlogged.names)
     together = combinations(found, names, identifiability, estimated, held)
+    together = tuple(each for each in together if unlogged.names.isdisjoint(each.parameters))
     findings = findings_of(task, found, names, estimated, identifiability, rows, together)
     more: list[Finding] = []
     if reached.unended:
@@ -78,6 +83,10 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
         findings = (*findings, searches_agreeing(found.name, reached.cost, reached.ends, reached.compared))
     if reached.unended and _shaft_unseen(task, reached):
         findings = (Finding("no-shaft-seen", found.name, {"simpler": "rigid-motor"}), *findings)
+    for k in [k for k, name in enumerate(names) if name in unlogged.names]:
+        estimated.covariance[k], estimated.covariance[:, k], estimated.covariance[k, k] = 0.0, 0.0, np.inf
+    at_bound = {("parameter-at-bound", name) for name in unlogged.names}
+    findings = tuple(each for each in findings if (each.code, each.subject) not in at_bound)
     fit = estimated.fit(GreyBox(found, task.signals), tuple(names), "gn")
     return _with_bounds_profiled(
         GreyBoxFit(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from math import isfinite
@@ -316,9 +316,24 @@ def _at_bounds(
 
 
 def table(
-    task: Task, plant: Plant, start: Plant, names: Sequence[str], minimum: Minimum, conditions: Conditions
+    task: Task,
+    plant: Plant,
+    start: Plant,
+    names: Sequence[str],
+    minimum: Minimum,
+    conditions: Conditions,
+    unknown: Collection[str] = (),
 ) -> tuple[Estimate, ...]:
-    """A row for every parameter that was asked for or fixed, and for every other one with an effect."""
+    """A row for every parameter that was asked for or fixed, and for every other one with an effect.
+
+    Args:
+        task: what was asked.
+        plant, start: at the end and at the start of the search.
+        names: the parameters that were estimated.
+        minimum: where the search ended.
+        conditions: on which the estimates depend.
+        unknown: those of them that the data do not determine, see `unlogged_input`.
+    """
     rows, asked, fixed, sheet = [], task.asked, task.fixed, task.sheet
     errors = np.sqrt(np.diag(minimum.covariance)).tolist()
     rest = unasked(task, plant)
@@ -333,6 +348,8 @@ def table(
             status = Status.BUILT_IN if is_built_in(plant, name) else Status.OF_PLANT
         elif name not in names:
             status = Status.KEPT
+        elif name in unknown:
+            status = Status.UNDETERMINED
         elif not minimum.free[names.index(name)]:
             status = Status.AT_BOUND
         else:

@@ -5,8 +5,9 @@
 The records are those of `independent.switched_drive`, which shares no code with emsid: phase quantities, a carrier of
 20 kHz, dead time, a controller at 10 kHz. ``10kHz`` has its every reading and an inverter whose phases lose the mean of
 the dead time; ``switched`` has the ripple of the carrier, too, which bends the law of dead time. Of ``1kHz``, every
-tenth reading, the voltages in between are not known. `make coverage` runs 100 records of ``10kHz``. The intervals of
-the other two are too short today: run them to see by how much.
+tenth reading, the voltages in between are not known: what they leave open has no interval, and is not counted. `make
+coverage` runs 100 records of ``10kHz``. The intervals of ``switched`` are too short today for resistance and flux: run
+it to see by how much.
 """
 
 from __future__ import annotations

@@ -251,6 +251,21 @@ def test_a_log_with_the_rotor_held_shows_the_winding_and_says_what_it_does_not_s
     assert {"flux", "inertia"} <= {name for some in said for name in some}
 
 
+def test_a_log_whose_voltages_change_between_rows_says_what_it_does_not_show() -> None:
+    plant = emsid.plants.brushless(delay=DRIVE.period, advance=DRIVE.advance * DRIVE.period, held_in="stator")
+    log = driven(DRIVE, 6, 0.8)
+    fit = emsid.fit(plant, log.record(every=10))
+    (said,) = (each for each in fit.findings if each.code == "input-between-rows-unknown")
+    assert {"resistance", "inductance_d", "inductance_q"} <= {*said.data["parameters"]}
+    assert said.data["ratio"] > 1.1
+    for name in said.data["parameters"]:
+        assert fit[name].interval is None
+        assert fit[name].standard_error is None
+    whole = emsid.fit(plant, log.record()[:3000])
+    assert "input-between-rows-unknown" not in {each.code for each in whole.findings}
+    assert whole["resistance"].interval is not None
+
+
 def constants(text: str) -> dict[str, float]:
     """The numbers of an export, by the word before them."""
     return {name: float(value) for name, value in re.findall(r"([\w.]+)(?:: | = | )(-?\d[\d.e-]*)", text)}

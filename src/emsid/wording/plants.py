@@ -21,9 +21,8 @@ input-taken-as-constant warning: {subject} is simulated as constant {other_hold}
     # Subject: the input. Data: between (the hold that fits better), ratio (of the errors).
 input-taken-as-linear warning: {subject} is simulated as linear {other_hold}
     # Subject: the input. Data: between (the course that fits better), ratio (of the errors).
-input-between-rows-unknown warning: with the mean of {rows} rows of {inputs:list} the error is {ratio:.2g} times smaller
-    than with the rows, so the rows are not all values that acted; {parameters:list} {parameters:is/are} not determined;
-    log every value
+input-between-rows-unknown warning: means of {rows} rows of {inputs:list} fit {ratio:.2g} times better: values between
+    rows are missing, so {parameters:list} {parameters:is/are} not determined; log every value
     # Subject: the plant. Data: parameters, inputs, rows (of the best mean), ratio (of the errors).
 alternatives-fit-as-well info: {late:?these data show a short delay that the model does not have; the intervals cover
     {instead:or}|{instead:or}{of:? in place of {of}} explains these data equally well; the intervals cover both}

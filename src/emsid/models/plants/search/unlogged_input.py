@@ -86,14 +86,15 @@ def unlogged_input(task: Task, problem: FreeRunError, names: Sequence[str], mini
     shifts = [(end.estimate - minimum.estimate)[:p] for end in found.values()]
     open_ = np.any(np.abs(shifts) > errors, axis=0) | ~minimum.free[:p]
     least = min(found, key=lambda rows: found[rows].cost)
+    unknown = [name for name, moved in zip(names, open_, strict=True) if moved]
     data = {
-        "parameters": [name for name, moved in zip(names, open_, strict=True) if moved],
+        "parameters": unknown,
         "inputs": [task.segments[0].input_names[k] for k in plant.acting(task.segments[0].input.shape[1])],
         "rows": least,
         "ratio": float(np.sqrt(minimum.cost / found[least].cost)),
     }
     addition = Addition(spread(shifts, errors), (Finding("input-between-rows-unknown", plant.name, data),))
-    return Unlogged(frozenset(data["parameters"]), addition)
+    return Unlogged(frozenset(unknown), addition)
 
 
 def _by_means(task: Task, problem: FreeRunError, rows: int, minimum: Minimum, begin: Minimum) -> Minimum | None:

@@ -129,7 +129,7 @@ def _high(begin, end, at, step):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _simulated(m, d_wanted, q_wanted, speed_wanted, added, noise, locked, table):  # type: ignore[no-untyped-def]
-    """(N, 12) v_d, v_q, i_d, i_q, speed, read angle, warmer, readings of i_d, i_q, and of two phases, and the torque."""
+    """(N, 12) v_d, v_q, i_d, i_q, speed, read angle, warmer, readings of i_d, i_q and two phases, and the torque."""
     n, third = len(d_wanted), 2.0 * np.pi / 3.0
     out = np.empty((n, 12))
     i_a = i_b = angle = speed = warmer = 0.0

@@ -225,6 +225,17 @@ def test_no_module_imports_itself_by_a_detour() -> None:
     assert cycles(known) == []
 
 
+@pytest.mark.parametrize("module", MODULES)
+def test_a_constant_has_one_value(module: str) -> None:
+    targets = [
+        target
+        for node in ast.parse(SOURCES[module].read_text("utf-8")).body
+        for target in (node.targets if isinstance(node, ast.Assign) else ())
+    ]
+    names = [target.id for target in targets if isinstance(target, ast.Name) and target.id.isupper()]
+    assert len(names) == len(set(names)), names
+
+
 # --- who may do what -------------------------------------------------------------------------------------------------
 
 

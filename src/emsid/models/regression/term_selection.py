@@ -359,7 +359,7 @@ def forward_selection(information: Information, most: int, first: Sequence[int] 
 
 
 # Samples of one factor that are processed at a time: those of a node and of four factors stay in the first-level cache.
-TOGETHER = 512
+SAMPLES = 512
 # Regressors of one node whose sums are computed together.
 TOGETHER = 4
 # The channel of the factor 1, which a constant regressor consists of.
@@ -427,11 +427,11 @@ def correlate(result: Array, products: Tree, y: Array, u: Array, start: int, wei
         square: whether to sum squares.
     """
     factors, parameters, nodes, offsets, ends, signs = products
-    rows = np.empty((len(factors), TOGETHER))
-    path = np.empty((nodes[:, 0].max() + 1, TOGETHER))
+    rows = np.empty((len(factors), SAMPLES))
+    path = np.empty((nodes[:, 0].max() + 1, SAMPLES))
     sums = np.zeros(len(ends))
-    for first in range(start, len(y), TOGETHER):
-        count = min(TOGETHER, len(y) - first)
+    for first in range(start, len(y), SAMPLES):
+        count = min(SAMPLES, len(y) - first)
         for f in range(len(factors)):
             row = rows[f, :count]
             row[:] = 1.0

@@ -5,8 +5,8 @@ r"""A brushless motor with its inverter, in the frame of its rotor.
     T = 3/2·p·(ψ + (L_d − L_q)·i_d)·i_q.
 
 Voltages and currents have the amplitudes of the phases; a drive that logs power-invariant ones is converted when it
-is read (`emsid.io.park`). T_c is cogging and T_r the ripple of the torque by current, both sums of cosines and sines
-of whole multiples n of the angle.
+is read (`emsid.models.plants.park`). T_c is cogging and T_r the ripple of the torque by current, both sums of cosines
+and sines of whole multiples n of the angle.
 
 Between two samples a step consists of half a step of the currents at constant speed, a step of the motion under
 constant currents, and half a step of the currents (Strang). Each part is exact: the currents by the exponential of a

@@ -71,12 +71,13 @@ def unlogged_input(task: Task, problem: FreeRunError, names: Sequence[str], mini
     """
     plant, p = problem.plant, len(names)
     none = Unlogged(frozenset(), nothing(p))
-    if not p or isinstance(plant.of_record(0), DrivenPlant) or plant.of_record(0) is not plant:
+    if not p or isinstance(plant, DrivenPlant) or plant.of_record(0) is not plant:
         return none
     found: dict[int, Minimum] = {}
     for rows in ROWS:
-        end = _by_means(task, problem, rows, minimum, [*found.values(), minimum][0])
-        found |= {} if end is None else {rows: end}
+        end = _by_means(task, problem, rows, minimum, next(iter(found.values()), minimum))
+        if end is not None:
+            found[rows] = end
     if found and plant.driven_by_means() != plant:  # it may be better because of the plant, and not of the means
         alone = _by_means(task, problem, 1, minimum, found[min(found)])
         found = {rows: end for rows, end in found.items() if alone is None or better(*_errors(task, end, alone))}

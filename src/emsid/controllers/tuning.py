@@ -298,20 +298,22 @@ class _Asked:
     def _overshoot(self, settings: Settings, width: float) -> float:
         """The largest overshoot of a step, or one that is too large; infinite where a loop does not come to rest."""
         samples = int(min(max(HORIZON / width / settings.dt, 50), MOST_SAMPLES))
-        found = 0.0
-        for sampled in (self.sampled.alone(self.most_overshooting), self.sampled):
-            after = step_responses(sampled, settings, samples)
-            with np.errstate(invalid="ignore"):
-                found = float(np.nan_to_num(np.max(after) - 1.0, nan=inf))
-                if not np.max(np.abs(after[-1] - 1.0)) < 0.5:  # it does not come to rest: unstable
-                    found = inf
-            if found > self.overshoot:
-                break
-        else:
-            return max(found, 0.0)
-        if after.shape[1] > 1:
+        found = overshoot_of(step_responses(self.sampled.alone(self.most_overshooting), settings, samples))
+        if found > self.overshoot:
+            return found
+        after = step_responses(self.sampled, settings, samples)
+        found = overshoot_of(after)
+        if found > self.overshoot:
             self.most_overshooting = int(np.argmax(np.max(after, axis=0)))
         return found
+
+
+def overshoot_of(after: Array) -> float:
+    """The largest overshoot of positions (N, P) after a step; infinite where one does not come to rest."""
+    with np.errstate(invalid="ignore"):
+        if not np.max(np.abs(after[-1] - 1.0)) < 0.5:  # unstable
+            return inf
+        return max(float(np.nan_to_num(np.max(after) - 1.0, nan=inf)), 0.0)
 
 
 def prefilters(crossover: float, dt: float) -> Sequence[float]:

@@ -196,6 +196,7 @@ def plants() -> Iterator[tuple[str, GreyBox]]:
         ("rigid motor", MotorPlant(rigid), speed),
         ("rigid motor, late, slow sensor", MotorPlant(sticky, Drive(delay=1.4 * DT), slow), both),
         ("rigid motor, late by whole samples", MotorPlant(rigid, Drive(delay=3 * DT), **by_sign), current),
+        ("rigid motor, warm", MotorPlant(rigid, heating=200.0, cooling=2.0, winding_rise=0.1), current),
         ("rigid motor, coasting", MotorPlant(rigid, Drive(supply=12.0, freewheel=0.5, rise=0.1)), current),
         ("elastic motor", MotorPlant(Motor(), Drive(delay=0.4 * DT), Sensor(lag=DT)), current),
         ("linear axis", LinearAxis(drive=Drive(delay=0.3 * DT), sensor=Sensor(lag=DT)), both),

@@ -70,6 +70,9 @@ def test_every_capability_gives_its_type_or_says_that_the_model_lacks_it(
     asked.names.add("c_form")
     assert isinstance(form, CForm | None)
     assert isinstance(asked.has("linear_part", model, 0.0), LinearSystem | None)
+    left = asked.has("as_left", model, record)
+    assert type(left) is type(model)
+    assert left.parameter_values().keys() >= model.parameter_values().keys()
     response = asked.has("frequency_response", model, FREQUENCIES, DT, 0, 0, 0.0)
     assert response is None or response.shape == FREQUENCIES.shape
     assert isinstance(asked.has("modes", model), Modes)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
+import shutil
+import subprocess
 import sys
 import types
 from dataclasses import dataclass
@@ -66,8 +69,8 @@ def responding(samples: int = 600, curve=lambda u: u) -> emsid.Record:
 
 def test_everything_of_the_plan_is_there_and_short():
     assert set(SECTIONS) == {
-        "file format", "test signal", "static map", "regressor transform", "friction law", "plant", "kind of model",
-        "finding", "view of the report",
+        "file format", "test signal", "static map", "regressor transform", "friction law", "plant", "effect of a plant",
+        "kind of model", "finding", "view of the report",
     }  # fmt: skip
     for what, text in SECTIONS.items():
         (code,) = re.findall(r"```\w+\n(.*?)```", text, re.DOTALL)
@@ -98,14 +101,19 @@ def test_a_static_map():
     assert fit.estimate[fit.names.index("f.c")] == pytest.approx(4.0, rel=1e-3)  # the filter has a gain of one
 
 
-def test_a_regressor_transform():
-    source = Path(transforms.__file__).read_text("utf-8")
-    lines = snippet("regressor transform", "diff").splitlines()
+def changed_by(source: str, lines: list[str]) -> str:
+    """A source with the lines that a diff adds, each after the line before it."""
     for k, line in enumerate(lines):
         if line.startswith("+"):
             before = lines[k - 1][1:]
             assert source.count(f"{before}\n") == 1, before
             source = source.replace(f"{before}\n", f"{before}\n{line[1:]}\n")
+    return source
+
+
+def test_a_regressor_transform():
+    lines = snippet("regressor transform", "diff").splitlines()
+    source = changed_by(Path(transforms.__file__).read_text("utf-8"), lines)
     changed = types.ModuleType("changed")
     sys.modules["changed"] = changed
     exec(compile(source.replace("cache=True, ", ""), "transforms.py", "exec"), changed.__dict__)
@@ -142,6 +150,60 @@ def test_a_plant():
     fit = emsid.fit(pendulum, record)
     assert fit.estimate == pytest.approx([9.0, 0.5], rel=1e-5)
     assert emsid.plants.datasheet("pendulum", {"g": "9.81 1/s^2"})["g"].value == 9.81
+
+
+BOUNCING = """
+import sys
+import numpy as np
+import emsid
+from emsid.models.plants.search.choice import choose
+from emsid.models.plants.registry import PLANTS
+
+
+def speeds(u, dt, bounce):
+    # K²/(R·J) = 4, K/(R·J) = 80; friction 60 rad/s²; Euler's method in 400 steps per sample
+    w, found = 0.0, []
+    for volts in u:
+        found.append(w)
+        for _ in range(400):
+            pulled = (80.0 * volts - 4.0 * w) / (1.0 + bounce * abs(w))
+            new = w + dt / 400 * (pulled - 60.0 * np.sign(w))
+            w = 0.0 if (w == 0.0 and abs(pulled) < 60.0) or new * w < 0.0 else new
+    return np.array(found)
+
+
+rng = np.random.default_rng(3)
+u = np.repeat(rng.uniform(-6.0, 6.0, 60), 10)
+for bounce in (0.01, 0.0):
+    y = speeds(u, 0.01, bounce) + 0.05 * rng.standard_normal(600)
+    fit = choose(PLANTS["rigid-motor"].start, emsid.Record(u, y, 0.01, input_units="V", output_units="rad/s"))
+    names, path = list(fit.names), sys.argv[1]
+    print(names, fit.estimate.tolist(), flush=True)
+    assert ("bounce" in names) == (bounce > 0.0), names
+    if bounce:
+        row = next(each for each in fit.table if each.name == "bounce")
+        assert abs(row.value - bounce) < 3e-4, row
+        assert row.interval[0] < bounce < row.interval[1], row
+        emsid.save(fit, path)
+        assert emsid.load(path).plant.value("bounce") == row.value
+"""
+
+
+def test_an_effect_of_a_plant(tmp_path):
+    package = Path(emsid.__file__).parent
+    shutil.copytree(package, tmp_path / "emsid")
+    _, *files = snippet("effect of a plant", "diff").split("+++ src/")
+    added = 0
+    for text in files:
+        name, *lines = text.splitlines()
+        path = tmp_path / name
+        path.write_text(changed_by(path.read_text("utf-8"), lines), "utf-8")
+        added += sum(line.startswith("+") for line in lines)
+    assert added == 3  # a row, a term and a move
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "compiled")}
+    run = [sys.executable, "-c", BOUNCING, str(tmp_path / "motor.json")]
+    done = subprocess.run(run, env=environment, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_a_kind_of_model():

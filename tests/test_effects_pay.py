@@ -56,7 +56,7 @@ def test_a_registered_start_has_no_effect_but_what_any_plant_has(name):
     given = {each for each in start.handles if start.value(each)} - CORE
     assert not {each for each in given if not each.startswith(("gravity.", "servo.", "cogging.period"))} - {
         "voltage_dead_zone.m_l", "voltage_dead_zone.m_r", "torque_dead_zone.m_l", "torque_dead_zone.m_r",
-        "dead_zone.m_l", "dead_zone.m_r", "drive.period",
+        "dead_zone.m_l", "dead_zone.m_r", "drive.period", "temperature_coefficient", "drift_end",
     }  # fmt: skip
     assert not any("dead_zone" in each for each in start.default_free)
 

@@ -106,6 +106,10 @@ MOTORS = {
         MotorPlant(replace(Motor(inductance=0.002), shaft_stiffness=np.inf), steps=8),
         (Signal.SPEED, Signal.CURRENT),
     ),
+    "heating beside an inductance": (
+        MotorPlant(Motor(inductance=0.002).rigid(), steps=8, heating=200.0, winding_drift=0.2, drift_end=0.5),
+        (Signal.SPEED, Signal.CURRENT),
+    ),
     "no inductance": (MotorPlant(replace(SHAFT, inductance=0.0)), (Signal.SPEED, Signal.CURRENT)),
     "load": (MotorPlant(SHAFT, Drive(gain=2.0, offset=0.1, delay=1.3 * DT), load_torque=0.01), (Signal.SPEED,)),
     "straight": (MotorPlant(SHAFT, Drive(hold=Hold.FIRST)), (Signal.SPEED,)),

@@ -9,6 +9,7 @@ IDENTIFIABLE = {
     "parameters": ["resistance", "motor_constant"],
     "current_missing": True,
 }
+RISE = {"rise": 0.354, "half": 0.011, "seconds": 30.0, "heats": False, "final": None, "time_constant": None}
 LOAD = {"parameters": ["offset"], "deviation": 0.21, "mean": None, "walks": True, "unit": "N", "trusted": 1.2}
 
 EXAMPLES: tuple[Finding, ...] = (
@@ -223,6 +224,9 @@ EXAMPLES: tuple[Finding, ...] = (
         for moved, most in ((0.9, 32.0), (0.9, None), (556.0, 9.4e-6))
     ),
     Finding("choice-interrupted", "rigid-motor", {"model": "rigid-motor"}),
+    Finding("resistance-changes", "rigid-motor", RISE),
+    Finding("resistance-changes", "rigid-motor", RISE | {"heats": True, "rise": -0.031, "half": None}),
+    Finding("resistance-changes", "rigid-motor", RISE | {"heats": True, "final": 0.52, "time_constant": 213.0}),
     Finding("load-drifts", "linear-axis", LOAD | {"parameters": []}),
     Finding("load-drifts", "linear-axis", LOAD),
     Finding("load-drifts", "linear-axis", LOAD | {"walks": False}),

@@ -130,16 +130,17 @@ class Identification(Presented):
         """The parameters of `chosen` that the data determine; none of a model or of a sensor that cannot be used."""
         return determined(self.chosen) if self.is_usable and self.of_sensor is None else []
 
-    @property
+    @cached_property
     def recommended(self) -> Model:
-        """The model to use: `on_all_data`, or that of `chosen`, which the errors are from."""
-        model: Model = self.chosen.model
-        return model if self.on_all_data is None else self.on_all_data
+        """The model to use, as the data leave it: `on_all_data`, or that of `chosen`, which the errors are from."""
+        model = self.chosen.model if self.on_all_data is None else self.on_all_data
+        left: Model = capabilities_of(model).as_left(model, self.fitted_by_recommended)
+        return left
 
     @property
     def recommended_fit(self) -> Fit[Any]:
         """`recommended` with its table of parameters; standard errors are those of `chosen`, which saw less data."""
-        fit = self.chosen if self.on_all_data is None else self.chosen.at(self.on_all_data)
+        fit = self.chosen if self.recommended is self.chosen.model else self.chosen.at(self.recommended)
         return replace(fit, channels=ChannelNames.of(self.record))
 
     def data_of(self, fit: Fit[Any]) -> Record:

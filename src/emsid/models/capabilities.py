@@ -220,6 +220,10 @@ class Capabilities(Generic[M]):
         """What a fit shows beyond its own findings."""
         return ()
 
+    def as_left(self, model: M, record: Record) -> M:
+        """The model as a record leaves it, with what does not go back before the next run; the same."""
+        return model
+
     def trusted_length(self, model: M, record: Record) -> list[Finding]:
         """The time for which a free run is trusted, where its errors add up."""
         return []

@@ -133,6 +133,8 @@ EFFECTS = {
     "stribeck-by-direction": "a Stribeck level for each direction",
     "dead-zone-by-direction": "a dead zone that is not symmetric",
     "voltage-drop": "a voltage drop against the current",
+    "heating": "a winding that becomes warm by its copper loss",
+    "resistance-drift": "a resistance that drifts",
     "coasting": "a bridge that coasts in its off-time",
     "supply": "a voltage that ends at the supply",
     "knee": "another gain above some voltage",
@@ -143,17 +145,22 @@ EFFECTS = {
 """What may be added to a plant, by the names that searches give it."""
 
 
+def effect_words(name: str) -> str:
+    """What may be added to a plant, in words; an effect of somebody else's is called by its name."""
+    return EFFECTS.get(name, name.replace("-", " "))
+
+
 @words("effect-missing", Severity.WARNING)
 def effect_missing(f: Finding, argument: Spelling) -> str:
     """Subject: the plant. Data: effect, or (others that promise as much), parameters, share (of the squared error)."""
-    effects = " or ".join(EFFECTS[name] for name in (f.data["effect"], *f.data["or"]))
+    effects = " or ".join(map(effect_words, (f.data["effect"], *f.data["or"])))
     return f"{effects} would lower the squared error by {100 * f.data['share']:.0f} %"
 
 
 @words("effects-alike")
 def effects_alike(f: Finding, argument: Spelling) -> str:
     """Subject: a parameter. Data: effects, combinations (formula, value, half width, unit)."""
-    effects = " or ".join(EFFECTS[name] for name in f.data["effects"])
+    effects = " or ".join(map(effect_words, f.data["effects"]))
     known = [f"{what} = {with_unit(f'{v:.4g} ± {half:.2g}', unit)}" for what, v, half, unit in f.data["combinations"]]
     sure = f"; together they determine {listed(known)}" if known else ""
     return f"these data do not tell {f.subject} from {effects}{sure}"
@@ -163,7 +170,7 @@ def effects_alike(f: Finding, argument: Spelling) -> str:
 def value_contradicted(f: Finding, argument: Spelling) -> str:
     """Subject: a parameter. Data: value (kept), better, unit, share (of the squared error), or (effects)."""
     value, better = (with_unit(f"{each:.4g}", f.data["unit"]) for each in (f.data["value"], f.data["better"]))
-    others = "".join(f", or {EFFECTS[name]}" for name in f.data["or"])
+    others = "".join(f", or {effect_words(name)}" for name in f.data["or"])
     return (
         f"these data contradict {f.subject} = {value}: {better}{others} would lower the squared error by "
         f"{100 * f.data['share']:.0f} %"
@@ -219,6 +226,21 @@ def gravity_not_seen(f: Finding, argument: Spelling) -> str:
         f"the angle moves by {moved:.2g}°, too little to show gravity{below}; record a lift of {LIFT:.0f}° or more, or "
         "fit rigid-motor"
     )
+
+
+@words("resistance-changes")
+def resistance_changes(f: Finding, argument: Spelling) -> str:
+    """Subject: the plant. Data: rise (a part), half (of its interval), seconds, heats, time_constant, final."""
+    d = f.data
+    more, sure = ("rose" if d["rise"] >= 0 else "fell"), "" if d["half"] is None else f" ± {100 * d['half']:.2g}"
+    said = f"the resistance {more} by {100 * abs(d['rise']):.3g}{sure} % in {d['seconds']:.3g} s"
+    if not d["heats"]:
+        why = "evenly with time and not by copper loss"
+    elif d["final"] is None:
+        why = "by copper loss, without cooling that shows"
+    else:
+        why = f"by copper loss (time constant {d['time_constant']:.3g} s, final rise {100 * d['final']:.3g} %)"
+    return f"{said}, {why}; the recommended model begins so"
 
 
 @words("load-drifts")

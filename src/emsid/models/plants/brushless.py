@@ -19,8 +19,8 @@ which the controller advances that angle. Dead time takes U_t·i/√(i² + i_t²
 the current for i_t = 0. Where no angle is measured, it takes the fundamental of this, 4/π·U_t along the current.
 
 The resistance follows the temperature of the winding, R = R_s·(1 + α·Δϑ). Δϑ is logged (an input), or the state of
-one thermal mass that begins at zero, so that R_s is the resistance at the start: dΔϑ/dt = h·P − k·Δϑ with the copper
-loss P = 3/2·R·(i_d² + i_q²), the heating h = 1/C and the cooling k = 1/(C·R_th).
+one thermal mass that begins at Δϑ₀, zero in a fit, so that R_s is the resistance at its start: dΔϑ/dt = h·P − k·Δϑ
+with the copper loss P = 3/2·R·(i_d² + i_q²), the heating h = 1/C and the cooling k = 1/(C·R_th).
 
 References:
     Strang, SIAM J. Numer. Anal. 5 (1968), on the splitting. Krishnan, *Permanent Magnet Synchronous and Brushless DC
@@ -43,6 +43,7 @@ from emsid.arguments import did_you_mean
 from emsid.compiled import njit
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.models.plants.drive import Hold
+from emsid.models.plants.effects import COPPER
 from emsid.models.plants.gravity import Gravity, gravity_handles
 from emsid.models.plants.lost_motion import Body
 from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
@@ -56,8 +57,6 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-COPPER = 0.00393
-"""Temperature coefficient of copper in 1/K, at 20 °C (IEC 60028)."""
 REFERENCE = 20.0
 """Temperature in °C at which R_s holds where the temperature of the winding is logged."""
 LONGEST_STEP = 2.5e-5
@@ -100,6 +99,7 @@ _ROWS: tuple[tuple[str, str, str, str, Measure, float], ...] = (
     ("heating", "h", "K/J", "rise of temperature per copper loss", Measure.OTHER, 0.0),
     ("cooling", "k", "1/s", "rate at which the winding cools", Measure.OTHER, 0.0),
     ("temperature_coefficient", "α", "1/K", "temperature coefficient of the resistance", Measure.OTHER, 0.0),
+    ("temperature_rise", "Δϑ₀", "K", "rise of temperature where a run begins", Measure.OTHER, -inf),
 )  # fmt: skip
 
 
@@ -132,6 +132,7 @@ class Brushless(Plant):
         dead_time_voltage, dead_time_current: in V and A.
         sensor_lag: in s.
         heating, cooling, temperature_coefficient: in K/J, 1/s and 1/K.
+        temperature_rise: where a run begins, in K.
         inputs: ``dq``, ``q`` (v_d is zero) or ``duty`` (of the q-axis, and the bus voltage).
         placed: whether the measured angle in rad is a further input. The angle of the motor follows it, so that errors
             of the motion do not add up. The controller acts at the measured angle, and the currents are those in its
@@ -166,6 +167,7 @@ class Brushless(Plant):
     heating: float = 0.0
     cooling: float = 0.0
     temperature_coefficient: float = COPPER
+    temperature_rise: float = 0.0
     inputs: str = "dq"
     placed: bool = False
     warmed: bool = False
@@ -244,6 +246,24 @@ class Brushless(Plant):
         """How voltages go on between samples."""
         return self.between
 
+    @property
+    def changes_resistance(self) -> bool:
+        """Whether it is a thermal mass of which no temperature is logged."""
+        return self.heating > 0 and not self.warmed
+
+    @property
+    def begins_risen(self) -> float:
+        """Δϑ₀."""
+        return self.temperature_rise
+
+    def rise_in(self, state: PlantState) -> float:
+        """α·Δϑ."""
+        return self.temperature_coefficient * float(state.motion[_RISE]) if self.changes_resistance else 0.0
+
+    def as_left(self, state: PlantState) -> Self:
+        """The motor that begins with the temperature of a state."""
+        return replace(self, temperature_rise=float(state.motion[_RISE])) if self.changes_resistance else self
+
     def with_hold(self, hold: Hold) -> Self:
         """The motor with this hold of its voltages."""
         return replace(self, between=hold)
@@ -271,6 +291,7 @@ class Brushless(Plant):
         """What acts only beside something that is absent; constants that nobody questions."""
         found = ["pole_pairs", "gravity.acceleration", "gravity.period"]
         found += [] if self.heating else ["cooling", *([] if self.warmed else ["temperature_coefficient"])]
+        found += ["temperature_rise"] if self.warmed else []
         found += [] if self.held_in == "stator" else ["advance"]
         found += [] if self.dead_time_voltage else ["dead_time_current"]
         return (*found, *([] if Signal.SPEED in signals else ["sensor_lag"]))
@@ -350,7 +371,7 @@ class Brushless(Plant):
     def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
         """The first samples; a speed that is not measured is zero, or the slope of the angle."""
         state = np.zeros(self.states)
-        state[5:] = self._voltages(segment.input[0])
+        state[_RISE], state[5:] = self.temperature_rise, self._voltages(segment.input[0])
         for k, signal in enumerate(signals):
             state[_STATE_OF[signal]] = segment.output[0, k]
         if Signal.SPEED not in signals and Signal.POSITION in signals and len(segment) > 2:

@@ -25,6 +25,7 @@ from emsid.models.plants.datasheet import applicable
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, elsewhere, threads_for
 from emsid.models.plants.grey_box import GreyBox
+from emsid.models.plants.initial_state import free_states
 from emsid.models.plants.search.characteristics import of_plant
 from emsid.models.plants.search.diagnostics import Curve, dead_zone_curve, friction_curve
 from emsid.models.plants.search.estimation import simulation_error
@@ -34,7 +35,7 @@ from emsid.models.plants.stepping import PlantStepper
 from emsid.models.refit_data import Budget, Data
 from emsid.models.stepping import Stepper
 from emsid.plant import Motor
-from emsid.record import Record
+from emsid.record import Record, continuing
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -97,6 +98,14 @@ class OfPlants(Capabilities[GreyBox]):
     def characteristics(self, fit: Fit[GreyBox], record: Record) -> tuple[Characteristic, ...]:
         return of_plant(fit) if isinstance(fit, GreyBoxFit) else ()
 
+    def as_left(self, model: GreyBox, record: Record) -> GreyBox:
+        """With the resistance of a winding at the end of the last segment, which is that at the start of a next run."""
+        last = continuing(record.before[-1] if record.before else None, record.segments[-1])
+        if not model.plant.changes_resistance or len(last) <= model.memory:
+            return model
+        begun = model.initial(last, model.memory)
+        return replace(model, plant=model.plant.as_left(model.run(begun, last.input[model.memory :])[1]))
+
     def trusted_length(self, model: GreyBox, record: Record) -> list[Finding]:
         return trusted_length_over(model, record)
 
@@ -111,7 +120,7 @@ class OfPlants(Capabilities[GreyBox]):
         plant, signals = fit.model.plant, fit.model.signals
         segments = [each for record in data.records for each in record.segments if len(each) > fit.model.memory]
         states = [plant.first_state(signals, segment) for segment in segments]
-        unknown = [plant.free_states(signals, segment) for segment in segments]
+        unknown = free_states(plant, signals, segments)
         threads, weighting = threads_for(segments), elsewhere(fit.weighting, plant, segments, signals)
         out = data.by_segment
         counted = None if out is None else [(~each).astype(float) for each in out]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import ModelError
+from emsid.models.plants.effects import idle as rows_without_effect
 from emsid.models.plants.parameters import TINY, Handle, scalar
 from emsid.plant import Measure, Parameter
 
@@ -72,21 +73,19 @@ def cogging_handles(force: str, position: str) -> dict[str, Handle]:
     return found
 
 
-IDLE_AT_ZERO = (
-    "quadratic_viscous", "viscous_backward", "voltage_drop", "shaft_backlash", "sensor.radius", "sensor.backlash",
-    "backlash",
-)  # fmt: skip
+IDLE_AT_ZERO = ("shaft_backlash", "sensor.radius", "sensor.backlash", "backlash")
 
 
 def without_idle(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a plant without those of cogging, quadratic friction, backlash and wheel that have no effect."""
+    """Parameters of a plant without those of cogging, effects, backlash and wheel that have no effect."""
     idle = () if any(value for name, value in parameters.items() if name.startswith(("cogging.c", "cogging.s"))) else (
         "cogging.",
     )  # fmt: skip
+    effectless = rows_without_effect(parameters)
     return {
         name: value
         for name, value in parameters.items()
-        if not (idle and name.startswith(idle)) and (name not in IDLE_AT_ZERO or value)
+        if not (idle and name.startswith(idle)) and (name not in IDLE_AT_ZERO or value) and name not in effectless
     }
 
 

@@ -18,7 +18,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import BEGINNING, Limits, Plant, Sampler, parameters_of
 from emsid.models.plants.sampling import DrivenSampler
 from emsid.models.plants.sensor import Sensor
-from emsid.models.plants.state import HELD, NO_LOAD, PlantState
+from emsid.models.plants.state import HELD, NO_LOAD, RISE, PlantState
 from emsid.plant.friction import find_law, law_name
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ class DrivenPlant(Plant):
 
     @property
     def states(self) -> int:
-        """Speed, position, speed reading of the sensor, and whether it is held at rest."""
-        return HELD + 1
+        """Speed, position, speed reading of the sensor, whether it is held at rest, and the rise of a resistance."""
+        return RISE + 1
 
     @property
     @abstractmethod
@@ -187,7 +187,7 @@ class DrivenPlant(Plant):
         return BEGINNING if Signal.POSITION in signals or self.sensor.lag > 0 else 1
 
     def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
-        """(speed, position, speed reading, held) from the first samples."""
+        """(speed, position, speed reading, held, rise of the resistance) from the first samples."""
         state, sensor = np.zeros(self.states), self.sensor
         for k, signal in enumerate(signals):
             y = segment.output[:, k]
@@ -202,6 +202,7 @@ class DrivenPlant(Plant):
         state[2] = state[0]
         if set(signals) - {Signal.CURRENT}:
             state[HELD] = self._begins_at_rest(float(state[0]), segment)
+        state[RISE] = self.begins_risen
         return state
 
     def _begins_at_rest(self, speed: float, segment: Record) -> bool:

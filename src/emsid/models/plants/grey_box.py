@@ -30,7 +30,7 @@ from emsid.models.plants.motor_handles import RADIUS
 from emsid.models.plants.parameters import Signal, parts
 from emsid.models.plants.plant import Channels, Plant
 from emsid.models.plants.registry import plant_from_data, plant_to_data
-from emsid.models.plants.state import HELD, PlantState
+from emsid.models.plants.state import HELD, RISE, PlantState
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -99,6 +99,8 @@ class PlantModel(RunMethods):
         state = np.zeros(self.plant.states)
         if isinstance(self.plant, DrivenPlant):
             state[1] = self.plant.held_at(u)
+        if self.plant.changes_resistance:
+            state[RISE] = self.plant.begins_risen
         return self.plant.start(state, u, dt, self.signals)
 
     def initial(self, segment: Record, samples: int) -> PlantState:

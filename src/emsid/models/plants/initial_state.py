@@ -23,7 +23,7 @@ from emsid.estimation.nonlinear.control import Stopped
 from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
-from emsid.models.plants.state import HELD
+from emsid.models.plants.state import HELD, RISE
 from emsid.record import Record
 
 Array = NDArray[np.float64]
@@ -97,13 +97,28 @@ def begun(
         states: to begin with, by default what the first samples show.
     """
     first = [plant.first_state(signals, segment) for segment in segments] if states is None else list(states)
+    slow = slow_states(plant, len(segments))
     if start is InitialState.FREE or not starts_from_samples(plant, signals):
-        return first, [plant.free_states(signals, segment) for segment in segments]
+        return first, free_states(plant, signals, segments)
     if start is InitialState.REST:
         read = [plant.first_state(signals, segment[:1])[1] for segment in segments]
         pairs = zip(segments, first, read, strict=True)
         first = [at_rest(state, 0.0 if begins_at_zero(segment) else float(where)) for segment, state, where in pairs]
-    return first, [() for _ in segments]
+    return first, slow
+
+
+def slow_states(plant: Plant, segments: int) -> list[tuple[int, ...]]:
+    """The states of every segment that its first samples do not show: how far a resistance has risen.
+
+    The first segment begins without a rise, which is what the resistance refers to.
+    """
+    return [(RISE,) if k and plant.changes_resistance else () for k in range(segments)]
+
+
+def free_states(plant: Plant, signals: Sequence[Signal], segments: Sequence[Record]) -> list[tuple[int, ...]]:
+    """The states of every segment that are estimated."""
+    slow = slow_states(plant, len(segments))
+    return [(*plant.free_states(signals, each), *more) for each, more in zip(segments, slow, strict=True)]
 
 
 def begins_at_zero(segment: Record) -> bool:
@@ -116,7 +131,8 @@ def begins_at_zero(segment: Record) -> bool:
 def at_rest(state: Array, position: float) -> Array:
     """An initial state at rest at a position."""
     rest = np.zeros_like(state)
-    rest[1], rest[HELD:] = position, 1.0
+    rest[1], rest[HELD] = position, 1.0
+    rest[RISE:] = state[RISE:]
     return rest
 
 

@@ -22,9 +22,21 @@ from emsid.estimation.estimates import Estimate
 from emsid.findings import Finding
 from emsid.models.linear_parts import StateSpace
 from emsid.models.plants.characteristics import dead_zone_over_command, friction_over_speed
-from emsid.models.plants.cogging import Cogging, check_quadratic, extra_terms, without_idle
+from emsid.models.plants.cogging import Cogging, extra_terms, without_idle
 from emsid.models.plants.drive import Drive, Feed
 from emsid.models.plants.driven import DrivenPlant
+from emsid.models.plants.effects import (
+    NEUTRAL,
+    OF_ONE_MASS,
+    ON_RESISTANCE,
+    Effects,
+    acting,
+    acts_on_resistance,
+    as_left,
+    beside_nothing,
+    check_effects,
+    with_rows,
+)
 from emsid.models.plants.gravity import CONSTANTS, Gravity
 from emsid.models.plants.lost_motion import apart, begun, check_gap, first_gap
 from emsid.models.plants.motor_equations import LOST, WEIGHT, equations, linear_motor, of_joint, quantities, together
@@ -37,7 +49,7 @@ from emsid.models.plants.plant import Channels, Limits, Plant, Quantity, Sizes, 
 from emsid.models.plants.sampling import DrivenSampler, Inside, Outer, motor_sampler, one_mass_sampler
 from emsid.models.plants.sensor import Sensor
 from emsid.models.plants.servo import NO_SERVO, SERVO, SERVO_STEPS, Servo
-from emsid.models.plants.state import PlantState
+from emsid.models.plants.state import RISE, PlantState
 from emsid.plant import FrictionLaw, Measure, Motor
 from emsid.plant.constants import Extra
 
@@ -54,7 +66,7 @@ one of 0.01 takes so many steps that a search with it takes ten times as long.""
 
 
 @dataclass(frozen=True)
-class MotorPlant(DrivenPlant):
+class MotorPlant(DrivenPlant, Effects):
     """The motor (4.1)–(4.11) with its drive and its sensor; input a command, outputs speed, position or current.
 
     An initial state is a speed in rad/s and an angle in rad, equal for rotor and load, with the current in steady
@@ -67,17 +79,15 @@ class MotorPlant(DrivenPlant):
         load_torque: constant torque T_d on the load in N·m.
         steps: steps per sample for the Stribeck excess of a rigid motor.
         feed: the output of the drive; with a current or a torque, a rigid motor has no back electromotive force.
-        quadratic_viscous: friction of the load by the square of its speed, as of a fan, in N·m·s²/rad².
         cogging: torque over the angle of the rotor, in N·m and rad.
         gravity: the arm that a rigid motor moves as a joint; None for a motor.
         servo: the controller of a joint, for target positions; by default one with a gain of one.
         backlash: of a joint, the angle in rad that its motor crosses alone between the two flanks of its load.
-        viscous_backward: further viscous friction in the negative direction, in N·m·s/rad; below zero, its size is that
-            of further friction in the positive one.
-        voltage_drop: constant drop of the bridge against the current, in V.
+        effects: by name, see `Effects`.
 
     Raises:
-        ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has gravity.
+        ModelError: for a motor with an elastic shaft that is fed with anything but a voltage, or that has gravity, and
+            for effects that are simulated for one mass only.
     """
 
     load_unit: ClassVar[str] = "N*m"
@@ -87,16 +97,13 @@ class MotorPlant(DrivenPlant):
     load_torque: float = 0.0
     steps: int = 2
     feed: Feed = Feed.VOLTAGE
-    quadratic_viscous: float = 0.0
     cogging: Cogging = Cogging()  # noqa: RUF009  (frozen)
     gravity: Gravity | None = None
     servo: Servo | None = None
     backlash: float = 0.0
-    viscous_backward: float = 0.0
-    voltage_drop: float = 0.0
 
     def __post_init__(self) -> None:
-        check_quadratic(self.name, self.quadratic_viscous)
+        check_effects(self.name, self)
         check_steps(self.name, self.steps)
         if self.gravity is not None and self.servo is None:
             object.__setattr__(self, "servo", Servo())
@@ -202,7 +209,7 @@ class MotorPlant(DrivenPlant):
         if self.servo is not None and self.follows:
             return self.servo.proportional / self.sensor.ratio
         if self.feed is Feed.VOLTAGE:
-            return motor.motor_constant / motor.resistance
+            return motor.motor_constant / self.warm().resistance
         return motor.motor_constant if self.feed is Feed.CURRENT else 1.0
 
     def largest_force(self, inputs: Array) -> float:
@@ -223,15 +230,17 @@ class MotorPlant(DrivenPlant):
     def absent(self) -> tuple[str, ...]:
         """The inductance, for one mass without it; what only one mass has, for others."""
         of_one_mass = ("inductance",) if self.motor.inductance == 0 else ()
-        return of_one_mass if self.motor.is_rigid else ("viscous_backward", "voltage_drop")
+        return of_one_mass if self.motor.is_rigid else OF_ONE_MASS
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
         """Electrical parameters, unless a voltage drives it; nobody questions the constants of gravity."""
         constants = () if self.gravity is None else (*CONSTANTS, *(() if self.follows else SERVO))
+        constants += beside_nothing(self)
         if self.feed is Feed.VOLTAGE:
             return constants
         constant = self.feed is not Feed.CURRENT and Signal.CURRENT not in signals
-        return ("resistance", "inductance", "voltage_drop", *(("motor_constant",) if constant else ()), *constants)
+        electrical = ("resistance", "inductance", "voltage_drop", *ON_RESISTANCE)
+        return (*electrical, *(("motor_constant",) if constant else ()), *constants)
 
     def for_command(self, record: Record) -> Self:
         """A rigid motor driven by a current or a torque if the command is in A or N·m; see `for_load`."""
@@ -268,7 +277,7 @@ class MotorPlant(DrivenPlant):
 
         Args:
             state: (2,) speed and angle; (3,) with the speed reading of the sensor, by default the true speed; (4,) with
-                `HELD`.
+                `HELD`; (5,) with `RISE`, by default that of the plant.
             command: the inputs of the first sample; a code gives the past state of the bridge.
             dt: sample time in s.
             signals: the signals of the outputs.
@@ -277,12 +286,15 @@ class MotorPlant(DrivenPlant):
         speed, angle = float(state[0]), float(state[1])
         commands = self.drive.standing(command, dt, samples, self.before(state, command))
         motion = np.array([speed, angle])
+        rise = float(state[RISE]) if len(state) > RISE else self.winding_rise
         if self.backlash:
             motion = begun(self, speed, angle)
         elif not self.is_one_mass or self._lag:
-            motion = in_steady_state(self.motor, commands[:1, 0], speed, angle)
+            motion = in_steady_state(self.warm(rise), commands[:1, 0], speed, angle)
             if self.is_one_mass:
                 motion = np.array([speed, angle, self.motor.motor_constant * motion[0]])
+        if self.changes_resistance:
+            motion = np.array([*motion[:2], motion[2] if len(motion) > 2 else 0.0, rise])
         return PlantState(dt, motion, commands, self.sensor.first(signals, state, dt))
 
     def _sampler(self, state: PlantState, signals: Sequence[Signal]) -> DrivenSampler:
@@ -307,9 +319,37 @@ class MotorPlant(DrivenPlant):
         hung = NO_WAVES if self.gravity is None else self.gravity.wave(self.sensor.ratio)
         waves = np.concatenate([hung, self.cogging.waves])
         servo = self.servo.numbers(self.sensor.ratio) if self.servo is not None and self.follows else NO_SERVO
+        effects = NEUTRAL if self.feed is not Feed.VOLTAGE else acting(self, *self._winding)
         return Sliding.of(
-            law, self._viscous, self.quadratic_viscous, waves, self.load_torque, servo, self._force_dropped
+            law, self._viscous, self.quadratic_viscous, waves, self.load_torque, servo, self._force_dropped, effects
         )
+
+    @property
+    def _winding(self) -> tuple[float, float]:
+        return self.motor.resistance, self.motor.motor_constant
+
+    @property
+    def changes_resistance(self) -> bool:
+        """Whether effects change the resistance that a voltage meets; see `Effects`."""
+        return self.feed is Feed.VOLTAGE and acts_on_resistance(self)
+
+    @property
+    def begins_risen(self) -> float:
+        """ρ₀."""
+        return self.winding_rise
+
+    def rise_in(self, state: PlantState) -> float:
+        """ρ."""
+        return float(state.motion[3]) if self.changes_resistance else 0.0
+
+    def as_left(self, state: PlantState) -> Self:
+        """The motor that begins with the resistance of a state, and drifts no more."""
+        return self.with_values(as_left(self.rise_in(state))) if self.changes_resistance else self
+
+    def warm(self, rise: float | None = None) -> Motor:
+        """The motor with the resistance after a rise ρ, by default that where a run begins."""
+        rise = self.winding_rise if rise is None else rise
+        return self.motor if rise == 0.0 else replace(self.motor, resistance=self.motor.resistance * (1.0 + rise))
 
     @property
     def _lag(self) -> float:
@@ -325,7 +365,8 @@ class MotorPlant(DrivenPlant):
     @property
     def _force_dropped(self) -> float:
         """The torque that the voltage drop takes."""
-        return self.voltage_drop * self.torque_per_unit if self.feed is Feed.VOLTAGE else 0.0
+        per_volt = self.motor.motor_constant / self.motor.resistance
+        return self.voltage_drop * per_volt if self.feed is Feed.VOLTAGE else 0.0
 
     @property
     def _general(self) -> tuple[Motor, float, Extra]:
@@ -341,7 +382,7 @@ class MotorPlant(DrivenPlant):
         if self.gravity is not None:
             spring = self.gravity.whole / n * self.gravity.per_unit(n)
         viscous = self.motor.rotor_viscous + 0.5 * abs(self.viscous_backward)
-        motor, feed, gain = replace(self.motor, rotor_viscous=viscous), self.feed, self.drive.gain
+        motor, feed, gain = replace(self.warm(), rotor_viscous=viscous), self.feed, self.drive.gain
         if self.servo is not None and self.follows:
             motor, feed, gain, spring = self.servo.linear(motor, gain, spring, n)
         part = linear_motor(motor, feed, gain, n, signals, (spring, self._weight), loaded=self.drive.loaded)
@@ -437,7 +478,9 @@ class MotorPlant(DrivenPlant):
         cogging = extra_terms(0.0, self.cogging, "B_q", "ω", "θ" if rigid else "θ_m")
         drag = extra_terms(self.quadratic_viscous, Cogging(), "B_q", "ω" if rigid else "ω_L", "θ")
         by_sign = self.viscous_backward, self.voltage_drop
-        return equations(self.motor, self.feed, cogging, weight + drag, by_sign) + (LOST if self.backlash else "")
+        rises = self.changes_resistance, self.heating > 0
+        whole = equations(self.motor, self.feed, cogging, weight + drag, by_sign, rises)
+        return whole + (LOST if self.backlash else "")
 
     def to_data(self) -> dict[str, Any]:
         """Parameters and input quantity, and the dead zones that exist."""
@@ -453,10 +496,11 @@ class MotorPlant(DrivenPlant):
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities that input and speed alone identify."""
-        found = quantities(self.motor, self.feed, self.voltage_drop, self.load_torque)
+        found = quantities(self.warm(), self.feed, self.voltage_drop, self.load_torque)
         if self.gravity is None:
             return found
         return (*of_joint(self.motor, self.gravity.whole, self.inertia_of_all, self.sensor.ratio), *found)
 
 
+MotorPlant.__doc__ = with_rows(MotorPlant.__doc__)
 DrivenMotor = MotorPlant

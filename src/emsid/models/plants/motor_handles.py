@@ -9,6 +9,7 @@ from math import inf
 
 from emsid.models.plants.cogging import cogging_handles
 from emsid.models.plants.drive import Bridge, Feed, outer_handles
+from emsid.models.plants.effects import effect_handles
 from emsid.models.plants.gravity import gravity_handles
 from emsid.models.plants.parameters import TINY, Handle, Signal, dead_zone_handles, law_handles, scalar
 from emsid.models.plants.plant import Channels
@@ -63,12 +64,7 @@ def motor_handles(
             found |= scalar(path, parameter, about["measure"], TINY if about["positive"] else 0.0)
     torque = Parameter("load_torque", "T_d", "N*m", "constant torque on the load")
     found |= scalar(("load_torque",), torque, Measure.FORCE, -inf)
-    back = Parameter("viscous_backward", "ΔB", "N*m*s/rad", "further viscous friction backward; below zero, forward")
-    drop = Parameter("voltage_drop", "V_d", "V", "constant voltage drop of the bridge, against the current")
-    found |= scalar(("viscous_backward",), back, Measure.DAMPING, -inf)
-    found |= scalar(("voltage_drop",), drop, Measure.COMMAND)
-    square = Parameter("quadratic_viscous", "B_q", Measure.QUADRATIC.unit(), "quadratic viscous friction")
-    found |= scalar(("quadratic_viscous",), square, Measure.QUADRATIC)
+    found |= effect_handles()
     found |= cogging_handles("N*m", "rad")
     if hangs:
         gap = Parameter("sensor.backlash", "2β", "rad", "backlash between motor and measured load, its whole width")

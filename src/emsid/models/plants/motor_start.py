@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
-from math import isfinite
 from typing import Any
 
 from emsid.errors import ModelError
@@ -21,11 +20,6 @@ def check_one_mass(plant: Any) -> None:
     Raises:
         ModelError: for such a motor, or for a voltage drop or a friction by direction that is not physical.
     """
-    if not (isfinite(plant.viscous_backward) and isfinite(plant.voltage_drop) and plant.voltage_drop >= 0):
-        raise ModelError(
-            f"{plant.name} with a voltage drop of {plant.voltage_drop} V and {plant.viscous_backward} N*m*s/rad more "
-            "viscous friction backward; both must be finite, the first not negative"
-        )
     if not plant.motor.is_rigid and (plant.feed is not Feed.VOLTAGE or plant.gravity is not None):
         what = f"motor fed with a {plant.feed.value}" if plant.gravity is None else "joint with gravity"
         raise ModelError(f"a {what} is simulated as one mass only; give Motor.rigid()")
@@ -35,6 +29,11 @@ def check_one_mass(plant: Any) -> None:
         raise ModelError(
             "a motor with viscous friction by direction, or with a voltage drop and without inductance, is simulated "
             "as one mass only; give Motor.rigid() without dead zone on the torque, and inductance=0 for a voltage drop"
+        )
+    if plant.changes_resistance and not plant.is_one_mass:
+        raise ModelError(
+            "a motor whose resistance changes is simulated as one mass only; give Motor.rigid() without dead zone on "
+            "the torque, and a joint without backlash"
         )
 
 

@@ -50,6 +50,7 @@ from numpy.typing import NDArray
 
 from emsid.compiled import njit, with_functions
 from emsid.errors import ModelError
+from emsid.models.plants.effects import NEUTRAL, depends_on_speed, resistance, risen
 from emsid.models.plants.servo import NO_SERVO
 from emsid.plant.friction import FrictionLaw, Level, of_forces
 from emsid.plant.friction import of_motion as level
@@ -94,6 +95,7 @@ class Sliding(NamedTuple):
         load: a constant force against the positive direction.
         drop: the force that a drop in the voltage of the drive takes from it.
         servo: (4,) the controller of a servo, see `Servo.numbers`, whose targets stand for forces; (0,) without one.
+        acting: the parameters of `effects` on the resistance; of several plants none.
     """
 
     numbers: Array
@@ -105,6 +107,7 @@ class Sliding(NamedTuple):
     load: Any = 0.0
     drop: Any = 0.0
     servo: Array = NO_SERVO
+    acting: Any = NEUTRAL
 
     @classmethod
     def of(
@@ -116,16 +119,17 @@ class Sliding(NamedTuple):
         load: float = 0.0,
         servo: Array = NO_SERVO,
         drop: float = 0.0,
+        acting: Any = NEUTRAL,
     ) -> Sliding:
-        """A law, viscous friction (forward, backward), quadratic friction, cogging, a load, a servo and a drop."""
-        varies = law.varies | bool(quadratic > 0 or len(waves) or drop > 0)
+        """A law, viscous friction (forward, backward), quadratic friction, cogging, load, servo, drop and effects."""
+        varies = law.varies | bool(quadratic > 0 or len(waves) or drop > 0 or depends_on_speed(acting))
         numbers = law.numbers, np.array(law.breakaway), varies, np.array(viscous)
-        return cls(*numbers, 1.0 * quadratic, waves, 1.0 * load, 1.0 * drop, servo)
+        return cls(*numbers, 1.0 * quadratic, waves, 1.0 * load, 1.0 * drop, servo, acting)
 
     @classmethod
     def of_all(cls, plants: Sequence[Sliding]) -> Sliding:
         """That of several plants; harmonics that one of them does not have are zero."""
-        numbers, breakaway, varies, viscous, quadratic, waves, load, drop, servo = zip(*plants, strict=True)
+        numbers, breakaway, varies, viscous, quadratic, waves, load, drop, servo, _ = zip(*plants, strict=True)
         most = max(map(len, waves))
         padded = [np.concatenate([each, np.zeros((most - len(each), 3))]) if most else each for each in waves]
         both = np.array(breakaway), np.array(varies), np.array(viscous)
@@ -162,39 +166,61 @@ def move(
         late: the fraction of a piece during which the previous force still acts, 0 to 1.
         steps: steps per piece for friction that varies.
         still: pieces at the start in which it does not move.
-        motion: (2,) v and x, and behind them with a lag T; it becomes that of the end.
-        speeds, positions, made: the results, with a lag also T.
+        motion: (2,) v and x, and behind them with a lag T, and behind T with effects on the resistance its rise ρ; it
+            becomes that of the end.
+        speeds, positions, made: the results, with a lag also T, else with effects on the resistance 1/(1 + ρ).
     """
     if body.lag > 0.0:
         _move_lagging(body, friction, force, damping, load, dt, late, steps, still, motion, speeds, positions, made)
         return
     v, x, per_mass = motion[0], motion[1], 1.0 / body.mass  # in every step the next one would wait for a division
     most = steps if friction.varies[0] or friction.varies[1] or len(friction.servo) > 0 else 1
+    e, changes = friction.acting, friction.acting.resistance > 0.0
+    rise, easier = motion[3] if changes else 0.0, 1.0
+    driving, halfway = 0.0, rise  # the force of the drive on average over a sample, and the rise in its middle
     known = other = (-1.0, -1.0, 0.0, 0.0)  # the last r and h with φ₁ and φ₂, of this part of a sample and of the other
     for k in range(len(force) - 1):
         speeds[k], positions[k] = v, x
+        if changes:
+            made[k] = 1.0 / resistance(e, abs(v), rise)
+            driving, drag = (
+                late * force[k] + (1.0 - late) * force[k + 1],
+                late * damping[k] + (1.0 - late) * damping[k + 1],
+            )
+            torque, halfway = made[k] * (driving - drag * v), rise
+            if k >= still:
+                torque -= dropped(torque, made[k] * friction.drop)
+                halfway = risen(e, rise, torque, 1.0 / made[k], 0.5 * dt)
         for part in range(2):
             whole = late * dt if part == 0 else (1.0 - late) * dt
             if whole <= 0.0 or k < still:
                 continue
             drag, weight = damping[k + part], friction.load + load[k]
             for _ in range(most):
-                drive, left = _driven(force[k + part], load[k], friction, v, x), whole / most
+                if changes:
+                    easier = 1.0 / resistance(e, abs(v), halfway)
+                    drag = easier * damping[k + part]
+                drive, left = _driven(easier * force[k + part], load[k], friction, v, x), whole / most
                 while left > 0.0:
                     net = drive - _ripple(x, 0.0, friction.waves)
                     pulled, outside = drive + weight - drag * v, net - drive - weight
-                    lost = dropped(pulled, friction.drop)
+                    lost = dropped(pulled, easier * friction.drop)
                     side = 0 if v > 0.0 or (v == 0.0 and net > lost) else 1
                     if v == 0.0 and abs(net - lost) <= _holds(friction, side, pulled - lost, outside):
                         break
                     direction = 1.0 - 2.0 * side
                     r = (drag + friction.viscous[side]) * per_mass
                     if friction.varies[side]:
-                        a = (net - _against(abs(v), friction, side, pulled, outside)) * per_mass
+                        a = (net - _against(abs(v), friction, side, pulled, outside, easier)) * per_mass
                         middle = max(direction * (v + (a - r * v) * (left / (2.0 + 0.5 * r * left))), 0.0)
+                        if changes:
+                            easier = 1.0 / resistance(e, middle, halfway)
+                            drag = easier * damping[k + part]
+                            drive = _driven(easier * force[k + part], load[k], friction, v, x)
+                            r = (drag + friction.viscous[side]) * per_mass
                         net = drive - _ripple(x, direction * middle * left, friction.waves)
                         pulled, outside = drive + weight - drag * direction * middle, net - drive - weight
-                        a = (net - _against(middle, friction, side, pulled, outside)) * per_mass
+                        a = (net - _against(middle, friction, side, pulled, outside, easier)) * per_mass
                     else:
                         a = (drive - direction * friction.breakaway[side]) * per_mass
                     if r != known[0] or left != known[1]:
@@ -211,8 +237,17 @@ def move(
                     v = 0.0
                     left -= time
             known, other = other, known
+        if changes and k >= still:
+            middle = (x - positions[k]) / dt
+            if v == 0.0 and speeds[k] != 0.0:  # an initial speed that friction takes at once has no effect for ever
+                middle, halfway = 0.0, rise
+            over = resistance(e, abs(middle), halfway)
+            torque = (driving - (late * damping[k] + (1.0 - late) * damping[k + 1]) * middle) / over
+            rise = risen(e, rise, torque - dropped(torque, friction.drop / over), over, dt)
     motion[0], motion[1] = v, x
     speeds[-1], positions[-1] = v, x
+    if changes:
+        motion[3], made[-1] = rise, 1.0 / resistance(e, abs(v), rise)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -234,25 +269,32 @@ def _move_lagging(
     """`move` with a force of the drive that follows with a lag; without a drop and a servo."""
     mass, lag, drag = body.mass, body.lag, damping[0]
     v, x, pull = motion[0], motion[1], motion[2]
+    e, changes = friction.acting, friction.acting.resistance > 0.0
+    rise, easier = motion[3] if changes else 0.0, 1.0
     rate, stiff, square, pieces = np.empty(2), np.empty(2), np.empty(2), np.empty(2, np.int64)
-    for side in range(2):
-        rate[side] = -0.5 * (friction.viscous[side] / mass + 1.0 / lag)
-        stiff[side] = (friction.viscous[side] + drag) / (mass * lag)
-        square[side] = rate[side] ** 2 - stiff[side]
-    quickest = np.sqrt(max(-min(square[0], square[1]), 0.0))
     known = np.empty((2, 2, 4))  # responses over a step and half of it, for each part of a sample in each direction
-    for part in range(2):
-        whole = late * dt if part == 0 else (1.0 - late) * dt
-        pieces[part] = max(steps, int(np.ceil(quickest * whole / _QUARTER)))
-        for side in range(2):
-            h = whole / pieces[part]
-            known[part, side, 0], known[part, side, 1] = _response(rate[side], square[side], 0.5 * h)
-            known[part, side, 2], known[part, side, 3] = _response(rate[side], square[side], h)
     for k in range(len(force) - 1):
         speeds[k], positions[k], made[k] = v, x, pull
+        if k == 0 or changes:
+            if changes:
+                easier = 1.0 / resistance(e, abs(v), rise)
+                easier = 1.0 / resistance(e, abs(v), risen(e, rise, pull, 1.0 / easier, 0.5 * dt))
+                lag, drag = easier * body.lag, easier * damping[0]
+            for side in range(2):
+                rate[side] = -0.5 * (friction.viscous[side] / mass + 1.0 / lag)
+                stiff[side] = (friction.viscous[side] + drag) / (mass * lag)
+                square[side] = rate[side] ** 2 - stiff[side]
+            quickest = np.sqrt(max(-min(square[0], square[1]), 0.0))
+            for part in range(2):
+                whole = late * dt if part == 0 else (1.0 - late) * dt
+                pieces[part] = max(steps, int(np.ceil(quickest * whole / _QUARTER)))
+                for side in range(2):
+                    h = whole / pieces[part]
+                    known[part, side, 0], known[part, side, 1] = _response(rate[side], square[side], 0.5 * h)
+                    known[part, side, 2], known[part, side, 3] = _response(rate[side], square[side], h)
         weight = friction.load + load[k]
         for part in range(2):
-            whole, ends = late * dt if part == 0 else (1.0 - late) * dt, force[k + part]
+            whole, ends = late * dt if part == 0 else (1.0 - late) * dt, easier * force[k + part]
             if whole <= 0.0 or k < still:
                 continue
             for _ in range(pieces[part]):
@@ -328,7 +370,15 @@ def _move_lagging(
                     v = 0.0 if rests else steady + y
                     pull = mass * slope + b * v + against
                     left -= time
+        if changes and k >= still:
+            mean, drives = (x - positions[k]) / dt, late * force[k] + (1.0 - late) * force[k + 1]
+            torque = easier * (drives - damping[0] * mean) - lag * (pull - made[k]) / dt
+            if v == 0.0 and speeds[k] != 0.0:  # as in `move`
+                torque, easier = pull, 1.0 / resistance(e, 0.0, rise)
+            rise = risen(e, rise, torque, 1.0 / easier, dt)
     motion[0], motion[1], motion[2] = v, x, pull
+    if changes:
+        motion[3] = rise
     speeds[-1], positions[-1], made[-1] = v, x, pull
 
 
@@ -384,6 +434,7 @@ def one_of(friction: Sliding, p: int, servo: Array) -> Sliding:
         friction.load[p],
         friction.drop[p],
         servo,
+        friction.acting,
     )
 
 
@@ -409,14 +460,15 @@ def dropped(made: float, most: float) -> float:
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
-def _against(speed: float, friction: Sliding, side: int, made: float, outside: float) -> float:
+def _against(speed: float, friction: Sliding, side: int, made: float, outside: float, easier: float) -> float:
     """All friction but the viscous one, at a speed in a direction, and what a drop takes from the force of the drive.
 
     Args:
         speed, friction, side: how fast, and in which direction.
         made, outside: the forces of the drive and from outside.
+        easier: R_a over the resistance.
     """
-    lost = dropped(made, friction.drop)
+    lost = dropped(made, easier * friction.drop)
     friction_level = level(speed, friction.numbers, side, made - lost, outside) + friction.quadratic * speed * speed
     return float(lost + (1.0 - 2.0 * side) * friction_level)
 

@@ -247,6 +247,24 @@ class Plant(ABC):
         return ()
 
     @property
+    def changes_resistance(self) -> bool:
+        """Whether it has a winding whose resistance changes within a run; no."""
+        return False
+
+    @property
+    def begins_risen(self) -> float:
+        """The state `RISE` where a run begins, of a plant with such a winding; zero."""
+        return 0.0
+
+    def rise_in(self, state: PlantState) -> float:
+        """By which part of it the resistance of the winding has risen in a state; not."""
+        return 0.0
+
+    def as_left(self, state: PlantState) -> Self:
+        """The plant as a run over a record leaves it, with what does not go back before the next; the same."""
+        return self
+
+    @property
     def channels(self) -> Channels | None:
         """Its output signals and its command; None: it accepts any inputs and outputs."""
         return None

@@ -58,6 +58,7 @@ from emsid.models.plants.search.starts import started
 from emsid.models.plants.search.task import all_known, known_values
 from emsid.models.plants.search.thinning import thinned
 from emsid.models.plants.search.trials import KEPT, Trial, Trials, gain, has_load
+from emsid.models.plants.state import HELD
 from emsid.models.search.driver import climb
 from emsid.models.search.score import Promise, Score
 from emsid.record import Record
@@ -228,7 +229,7 @@ class _Choice:
         if not isinstance(self.weighting, tuple):
             return self.weighting
         found, signals, weightings = self.found, self._trials.signals, []
-        states = [self._scaling.output * state for state in self.trial.states]
+        states = [np.append(self._scaling.output * state[:HELD], state[HELD:]) for state in self.trial.states]
         for segment, state, each in zip(record.segments, states, self.weighting, strict=True):
             drift = each.drift._replace(noise=self._scaling.output * each.drift.noise)
             weightings.append(DriftingLoad.around(found, segment, state, signals, drift, each.drifted))

@@ -28,6 +28,7 @@ from emsid.models.plants.search.diagnostics import likelihood_profile
 from emsid.models.plants.search.load_drift import load_drift
 from emsid.models.plants.search.missing import acting_alike, missing
 from emsid.models.plants.search.result import GreyBoxFit, combinations, findings_of, table
+from emsid.models.plants.search.rising import rising
 from emsid.models.plants.search.rounding import Rounded, within_rounding
 from emsid.models.plants.search.slow_drift import slow_drift
 from emsid.models.plants.search.slow_noise import slow_noise
@@ -78,6 +79,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
         more += [*missing(task, problem, names, minimum), *acting_alike(task, problem, names, together)]
         more += rounded.findings
         findings = tuple(_tried_without(task, problem, minimum, each) for each in findings)
+    more += rising(rounded.problem if moved else problem, names, estimated.covariance[own, own])
     findings = (*widened, *(finding for each in others for finding in each.findings), *more, *findings)
     if minimum.ending is Ending.CONVERGED and names and "minimum-not-smooth" not in {each.code for each in findings}:
         findings = (*findings, searches_agreeing(found.name, reached.cost, reached.ends, reached.compared))

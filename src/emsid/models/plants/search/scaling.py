@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from math import isfinite, prod
 
 import numpy as np
@@ -20,14 +21,11 @@ from emsid.models.plants.parameters import Handle, Signal
 from emsid.models.plants.plant import Limits, Plant
 from emsid.record import Record
 
-# Exponents of (command, output, force) by unit.
+# Exponents of (command, output, force) of units, and of those that are no product of others.
 _EXPONENTS = {
-    "V": (1, 0, 0), "A": (1, 0, 0), "N*m": (0, 0, 1), "N": (0, 0, 1),
-    "rad": (0, 1, 0), "m": (0, 1, 0), "rad/s": (0, 1, 0), "m/s": (0, 1, 0), "s/rad": (0, -1, 0), "s/m": (0, -1, 0),
-    "kg*m^2": (0, -1, 1), "kg": (0, -1, 1), "N*m*s/rad": (0, -1, 1), "N*s/m": (0, -1, 1), "N*m/rad": (0, -1, 1),
-    "V*s/rad": (-1, 0, 1), "N*m/A": (-1, 0, 1), "N*m*s^2/rad^2": (0, -2, 1), "N*s^2/m^2": (0, -2, 1),
-    "1/(N*m)": (0, 0, -1), "1/N": (0, 0, -1), "m/s^2": (0, 2, 0),
-    "s": (0, 0, 0), "ohm": (0, 0, 0), "H": (0, 0, 0), "1": (0, 0, 0),
+    "V": (1, 0, 0), "A": (1, 0, 0), "N*m": (0, 0, 1), "N": (0, 0, 1), "rad": (0, 1, 0), "m": (0, 1, 0), "J": (0, 1, 1),
+    "kg*m^2": (0, -1, 1), "kg": (0, -1, 1), "V*s/rad": (-1, 0, 1), "m/s^2": (0, 2, 0),
+    "s": (0, 0, 0), "ohm": (0, 0, 0), "H": (0, 0, 0), "K": (0, 0, 0), "1": (0, 0, 0),
 }  # fmt: skip
 # Parameters of the drive in units of the command, those per unit of it, and a weight m with a torque m·g·l, where l is
 # scaled as the output; the speeds of a wheel and its motor are scaled alike.
@@ -37,7 +35,24 @@ _BY_NAME = {
 
 
 def _exponents(name: str, handle: Handle) -> tuple[int, int, int] | None:
-    return _BY_NAME.get(name) or _EXPONENTS.get(handle.parameter.unit)
+    return _BY_NAME.get(name) or _of_unit(handle.parameter.unit)
+
+
+@cache
+def _of_unit(unit: str) -> tuple[int, int, int] | None:
+    """The exponents of a unit such as ``N*m*s/rad``; None where a part of it is not known."""
+    if unit in _EXPONENTS:
+        return _EXPONENTS[unit]
+    above, _, below = unit.partition("/")
+    found = np.zeros(3, dtype=int)
+    for side, sign in ((above, 1), (below.strip("()"), -1)):
+        torque = "N*m" if side.startswith("N*m") else ""
+        for part in filter(None, (torque, *side.removeprefix(torque).split("*"))):
+            name, _, power = part.partition("^")
+            if name not in _EXPONENTS:
+                return None
+            found += sign * int(power or 1) * np.array(_EXPONENTS[name])
+    return int(found[0]), int(found[1]), int(found[2])
 
 
 @dataclass(frozen=True)

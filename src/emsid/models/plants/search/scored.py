@@ -56,7 +56,8 @@ def effect_of(
         problem: that is fitted; it gives segments, initial states and weighting.
         plant: with the values at which the derivative is taken.
         names: of the parameters.
-        probe: the value of one parameter to which a difference is taken; none for the derivative itself.
+        probe: the value of one parameter to which a difference is taken, of a plant that moves as that of the problem
+            without it; none for the derivative itself.
 
     Raises:
         EmsidError: where the plant cannot be simulated with them.
@@ -73,9 +74,8 @@ def effect_of(
         other = run(plant, names)
         return [part for _, jacobian in other.linearised(other.start) for part in by_channel(problem, jacobian)]
     ((name, value),) = probe.items()
-    here, there = (run(each, ()) for each in (plant, plant.with_values(probe)))
-    way = value - plant.value(name)
-    both = zip(here.residuals(here.start), there.residuals(there.start), strict=True)
+    there, way = run(plant.with_values(probe), ()), value - plant.value(name)
+    both = zip(problem.residuals(problem.start), there.residuals(there.start), strict=True)
     return [part for a, b in both for part in by_channel(problem, ((b - a) / way)[:, None])]
 
 

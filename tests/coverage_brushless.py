@@ -4,10 +4,10 @@
 
 The records are those of `independent.switched_drive`, which shares no code with emsid: phase quantities, a carrier of
 20 kHz, dead time, a controller at 10 kHz. ``10kHz`` has its every reading and an inverter whose phases lose the mean of
-the dead time; ``switched`` has the ripple of the carrier, too, which bends the law of dead time. Of ``1kHz``, every
-tenth reading, the voltages in between are not known: what they leave open has no interval, and is not counted. `make
-coverage` runs 100 records of ``10kHz``. The intervals of ``switched`` are too short today for resistance and flux: run
-it to see by how much.
+the dead time; ``ripple`` is the same with cogging and a ripple by current whose harmonics are known; ``switched`` has
+the ripple of the carrier, too, which bends the law of dead time. Of ``1kHz``, every tenth reading, the voltages in
+between are not known: what they leave open has no interval, and is not counted. `make coverage` runs 100 records of
+``10kHz``. The intervals of ``switched`` are too short today for resistance and flux: run it to see by how much.
 """
 
 from __future__ import annotations
@@ -20,19 +20,33 @@ from typing import NamedTuple
 
 import emsid
 from coverage_settings import Interval, Share
-from independent.switched_drive import Drive, driven
+from emsid.plants import Harmonic
+from independent.switched_drive import NONE, Drive, driven, turned
 
 SECONDS = 0.4
 
 
 class Setting(NamedTuple):
-    """How a drive is logged: the inverter, and every how many of its readings."""
+    """How a drive is logged: the inverter, every how many of its readings, and the harmonics of its torque."""
 
     switched: bool
     every: int
+    cogging: tuple[tuple[float, float, float], ...] = (NONE,)
+    ripple: tuple[tuple[float, float, float], ...] = (NONE,)
+
+    @property
+    def drive(self) -> Drive:
+        """The drive."""
+        return Drive(switched=self.switched, cogging=self.cogging, ripple=self.ripple)
 
 
-SETTINGS = {"10kHz": Setting(False, 1), "switched": Setting(True, 1), "1kHz": Setting(False, 10)}
+UNEVEN = ((42.0, 0.012, -0.016), (1.0, 8e-3, 6e-3)), ((42.0, 0.06, 0.08),)
+SETTINGS = {
+    "10kHz": Setting(False, 1),
+    "ripple": Setting(False, 1, *UNEVEN),
+    "switched": Setting(True, 1),
+    "1kHz": Setting(False, 10),
+}
 
 
 def truth(drive: Drive) -> dict[str, float]:
@@ -45,14 +59,23 @@ def truth(drive: Drive) -> dict[str, float]:
         "inertia": drive.inertia,
         "friction.coulomb": drive.coulomb,
         "viscous_friction": drive.viscous,
+    } | {
+        f"{of}.{int(n)}.{wave}": value
+        for of, harmonics in (("cogging", drive.cogging), ("torque_ripple", drive.ripple))
+        for n, *both in harmonics
+        for wave, value in zip(("cosine", "sine"), both, strict=True)
     }
 
 
 def fitted(setting: Setting, seed: int) -> emsid.Fit:
     """The fit to one record, with what is known of the controller: its delay, and that it advances the angle."""
-    drive = Drive(switched=setting.switched)
+    drive = setting.drive
     plant = emsid.plants.brushless(delay=drive.period, advance=drive.advance * drive.period, held_in="stator")
     plant = replace(plant, dead_time_voltage=0.05, dead_time_current=0.3 * setting.switched)
+    if setting.ripple != (NONE,):
+        cogging, ripple = (tuple(Harmonic(int(n)) for n, *_ in each) for each in (drive.cogging, drive.ripple))
+        plant = replace(plant, cogging=cogging, torque_ripple=ripple)
+        return emsid.fit(plant, turned(drive, 5000 + seed).record(), free=plant.default_free)
     free = [*plant.default_free, *["dead_time_current"] * setting.switched]
     seconds = SECONDS if setting.every == 1 else 4 * SECONDS
     return emsid.fit(plant, driven(drive, 5000 + seed, seconds).record(every=setting.every), free=free)
@@ -61,7 +84,7 @@ def fitted(setting: Setting, seed: int) -> emsid.Fit:
 def intervals(setting: Setting, seed: int) -> Iterable[Interval]:
     """The intervals of one record."""
     fit = fitted(setting, seed)
-    for name, value in truth(Drive()).items():
+    for name, value in truth(setting.drive).items():
         row = next((each for each in fit.table if each.name == name), None)
         if row is not None and row.interval is not None:
             yield Interval(name, row.interval[0] <= value <= row.interval[1], bool(row.given))

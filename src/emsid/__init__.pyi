@@ -16,6 +16,7 @@ from . import regression as regression
 from . import validation as validation
 from .compensation import Compensation as Compensation
 from .compensation import MapInverse as MapInverse
+from .compensation import RippleCompensation as RippleCompensation
 from .compensation import compensate as compensate
 from .controllers import Controller as Controller
 from .controllers import control as control

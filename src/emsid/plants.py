@@ -22,11 +22,18 @@ from emsid.models.plants.one_mass import Motion
 from emsid.models.plants.own_plant import OwnPlant
 from emsid.models.plants.parameters import Handle, Signal, by_direction, scalar
 from emsid.models.plants.park import park
-from emsid.models.plants.plant import Channels, Plant, Quantity, Sampler, Sizes, StaticCharacteristic
+from emsid.models.plants.plant import Channels, Part, Plant, Quantity, Sampler, Sizes, StaticCharacteristic
 from emsid.models.plants.registry import register
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.constructors import brushless, joint, linear_axis, motor, rigid_motor
-from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, likelihood_profile
+from emsid.models.plants.search.diagnostics import (
+    Curve,
+    Profile,
+    cogging_curve,
+    dead_zone_curve,
+    friction_curve,
+    likelihood_profile,
+)
 from emsid.models.plants.search.estimation import simulation_error
 from emsid.models.plants.search.result import Combination, Estimate, GreyBoxFit, Status
 from emsid.models.plants.sensor import Sensor
@@ -72,6 +79,7 @@ __all__ = [
     "Needs",
     "OwnPlant",
     "Parameter",
+    "Part",
     "Plant",
     "PlantModel",
     "PlantState",
@@ -90,6 +98,7 @@ __all__ = [
     "brushless",
     "by_direction",
     "choose",
+    "cogging_curve",
     "datasheet",
     "dead_zone_curve",
     "friction_curve",

@@ -166,6 +166,8 @@ EXAMPLES: tuple[Finding, ...] = (
     Finding("input-between-samples", "voltage", {"straight": 1, "held": 0}),
     Finding("input-between-samples", "voltage", {"straight": 2, "held": 1}),
     Finding("speed-is-a-mean", "speed"),
+    Finding("cogging-over-angle", "brushless", {"size": 0.0413, "unit": "N*m", "share": 0.066, "number": 42}),
+    Finding("torque-ripple-over-angle", "brushless", {"size": 0.1, "number": 42}),
     Finding("friction-fades-as-gaussian", "rigid-motor"),
     Finding("unit-assumed", "rigid-motor", {"channel": "y", "signal": "speed", "unit": "rad/s"}),
     Finding("unit-assumed", "rigid-motor", {"channel": "Motor_Speed(RPM)", "signal": "speed", "unit": "rad/s"}),

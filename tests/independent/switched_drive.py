@@ -262,3 +262,28 @@ def driven(drive: Drive, seed: int, seconds: float = 1.0, top: float = 150.0, no
     speed = np.repeat(rng.uniform(-top, top, n // hold + 1), hold)[:n]
     d = np.repeat(rng.uniform(-5, 5, 2 * n // hold + 2), hold // 2)[:n]
     return logged(drive, d, np.zeros(n), speed, seed, noisy=noisy)
+
+
+def turned(drive: Drive, seed: int, seconds: float = 0.5, noisy: bool = True, table: Array | None = None) -> Log:
+    """A log with a turn forward and one back, with a speed that swings by 30 rad/s so that there is torque."""
+    n = round(seconds / drive.period)
+    t = drive.period * np.arange(n)
+    phase = np.random.default_rng(2000 + seed).uniform(0.0, 2.0 * np.pi)
+    speed = np.where(t < 0.5 * seconds, 1.0, -1.0) * 17.0 / seconds + 30.0 * np.sin(95.0 * t + phase)
+    return logged(drive, np.zeros(n), np.zeros(n), speed, seed, noisy=noisy, table=table)
+
+
+def on_flywheel(drive: Drive, speed: float, table: Array | None = None) -> Log:
+    """A log of a turn at a speed that a brake and a large flywheel keep, at a constant wanted q-current; no noise.
+
+    No loop of the speed acts, and the wanted torque of 0.06 N·m is constant: what changes with the angle is ripple.
+    """
+    brake = (0.06 - drive.coulomb) / speed
+    machine = drive._replace(viscous=brake, inertia=0.05 / speed)
+    constant, most = 1.5 * drive.pairs * drive.flux, 10.0
+    run_up = round(machine.inertia * speed / (constant * most - 0.035) / drive.period)
+    turn = round(1.02 * 2.0 * np.pi / speed / drive.period)
+    q = np.concatenate([np.full(run_up, most), np.full(turn + 100, 0.06 / constant)])
+    log = logged(machine, 0.0 * q, q, np.full(len(q), np.nan), 0, added=0.0, noisy=False, table=table)
+    found = {name: value[-turn:] for name, value in log._asdict().items() if name not in ("period", "before")}
+    return log._replace(**found)

@@ -3,6 +3,11 @@
 The inverse is in ``NAME_compensation.h`` and ``NAME_compensation.c``, beside the files of the model. Its functions have
 no state. They are the same expressions as `Compensation`; in double precision they give its numbers. The inverse of a
 static map is a table, interpolated linearly, whose error at the middles of its intervals is stated.
+
+The torque of a brushless motor over its angle also goes into tables: ``NAME_ripple.csv``, and ``NAME_odrive.h`` in the
+format of ODrive's firmware 0.5, whose ``cogging_map`` has 3600 values in N·m. The value k is added to the torque while
+the position is between k/3600 and (k + 1)/3600 of a turn (``Controller::update`` in ``Firmware/MotorControl/
+controller.cpp``, ``Encoder::getCoggingRatio``).
 """
 
 from __future__ import annotations
@@ -13,8 +18,12 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from emsid.compensation.inverse import SERIES, Compensation, inductance_of
 from emsid.compensation.map_inverse import MapInverse
+from emsid.compensation.torque_ripple import RippleCompensation
 from emsid.estimation.fit import Fit
 from emsid.exports.assumptions import sentences
 from emsid.exports.c99 import helpers_of, macros_of, table
@@ -24,6 +33,8 @@ from emsid.models.c_form import number
 from emsid.models.c_source import INT, REAL, Text, Writer
 from emsid.models.verbs import as_model
 from emsid.plant.friction import of_forces
+
+Array = NDArray[np.float64]
 
 README = "COMPENSATION.md"
 BENCH = """\
@@ -65,6 +76,35 @@ The inverse of the dead zone is smoothed up to ZONE, the direction of friction u
 """
 
 
+RIPPLE_ON_TARGET = """\
+## On the target
+
+Every sample, with the angle of the shaft in rad, as in the log, and the torque in N·m that moves the load:
+
+```c
+#include "NAME_compensation.h"
+
+q_current = NAME_current(wanted, d_current, angle);
+```
+
+Without these functions, the rows of `NAME_ripple.csv` do the same with a table: multiply the q-current of the
+controller by `factor` of the part of the turn in which the angle is, and add `q_current`.
+
+The angle counts from the same place as in the log; an incremental encoder needs its index for that.
+
+The current loop must follow the q-current: harmonic n changes at n·ω rad/s at the speed ω. A loop with a bandwidth of B
+rad/s leaves n·ω/√(B² + (n·ω)²) of it. Ripple becomes four times smaller up to about ω = B/(4·n); beyond ω = B/n little
+is gained.
+
+## ODrive
+
+`NAME_odrive.h` has the cogging in the format of `controller.config.anticogging.cogging_map` of firmware 0.5. That
+firmware reads the map with `get_anticogging_value` and has no function that writes it: copy the values into
+`cogging_map` in its source, build it, and set `pre_calibrated` and `anticogging_enabled`. The map of firmware 0.6 is
+written by its calibration only; there add `torque` of `NAME_ripple.csv` to `input_torque` from outside.
+"""
+
+
 def _on_target(found: Compensation, name: str) -> list[str]:
     """How the functions are called, and what a controller has to do."""
     count = f"what a count of {found.count:.4g} RAD does in a sample" if found.count > 0 else "no encoder was given"
@@ -77,7 +117,7 @@ def _on_target(found: Compensation, name: str) -> list[str]:
 
 def write(
     model: Any,
-    found: Compensation | MapInverse,
+    found: Compensation | MapInverse | RippleCompensation,
     path: str | os.PathLike[str],
     *,
     name: str | None = None,
@@ -109,13 +149,16 @@ def write(
     """
     called = c_name(name or as_model(model).name)
     texts, notes = sources(found, called, single=single)
-    neglected = inductance_of(as_model(model))
+    neglected = 0.0 if isinstance(found, RippleCompensation) else inductance_of(as_model(model))
     if neglected > 0:
         notes = [*notes, f"The inverse neglects the inductance of {neglected:.3g} H; the C of the model has it."]
     notes = [*notes, *sentences(model if isinstance(model, Fit) else None)]
     lines = [f"# {called}: compensation", "", *[f"- {note}" for note in notes], ""]
     if isinstance(found, Compensation):
         lines += [*_on_target(found, called), *(["## On the bench", "", BENCH, "", *bench, ""] if bench else [])]
+    if isinstance(found, RippleCompensation):
+        lines += RIPPLE_ON_TARGET.replace("NAME", called).splitlines()
+        texts |= tables(found, called)
     files: dict[str, str | bytes] = {**texts, README: "\n".join(lines), **(more or {})}
     with together():
         paths = write_new(files, path, force=force)
@@ -126,13 +169,19 @@ POINTS = 513
 """Points of the table of an inverse map: 4 kB in single precision times two."""
 
 
-def sources(found: Compensation | MapInverse, name: str, *, single: bool = False) -> tuple[dict[str, str], list[str]]:
+def sources(
+    found: Compensation | MapInverse | RippleCompensation, name: str, *, single: bool = False
+) -> tuple[dict[str, str], list[str]]:
     """The header and the source, and what to know about them.
 
     Raises:
         ModelError: for a friction law without a form in C, or a map that has no inverse over its range.
     """
-    body, declared, notes = _of_map(found, name) if isinstance(found, MapInverse) else _of_plant(found, name)
+    body, declared, notes = (
+        _of_map(found, name) if isinstance(found, MapInverse)
+        else _of_ripple(found, name) if isinstance(found, RippleCompensation)
+        else _of_plant(found, name)
+    )  # fmt: skip
     real = f"{name}_compensation_real"
     head = (
         f"/* Made by emsid. */\n#ifndef {name.upper()}_COMPENSATION_H\n#define {name.upper()}_COMPENSATION_H\n\n"
@@ -269,6 +318,64 @@ def _of_plant(found: Compensation, name: str) -> tuple[str, str, list[str]]:
     rule = "At standstill friction has the direction of the next reference speed; a reference that stays has none."
     law = "".join(table(each, values) for each, values in writer.tables.items())
     return f"{defines}\n{law}\n{writer.functions}\n{code}", PLANT.replace("NAME", name), [rule, *limit]
+
+
+RIPPLE = """\
+/* The cogging torque in N*m against the motion, at an angle of the shaft in rad. */
+real NAME_cogging(real angle);
+
+/* The torque of the currents in N*m that moves the load with the torque that is wanted. */
+real NAME_torque(real wanted, real angle);
+
+/* The q-current in A for the torque that is wanted, with a d-current in A. */
+real NAME_current(real wanted, real d_current, real angle);
+"""
+RIPPLE_CODE = """\
+real NAME_cogging(real angle)
+{
+    real sum = K(0.0);
+    (void)angle;
+COGGING    return sum;
+}
+
+real NAME_torque(real wanted, real angle)
+{
+    real sum = K(1.0);
+RIPPLE    return (wanted + NAME_cogging(angle)) / sum;
+}
+
+real NAME_current(real wanted, real d_current, real angle)
+{
+    return NAME_torque(wanted, angle) / (CONSTANT + RELUCTANCE * d_current);
+}
+"""
+TABLE, COGGING_MAP = 720, 3600
+"""Points of the table over the angle, two for a degree, and those of ODrive's map."""
+
+
+def _of_ripple(found: RippleCompensation, name: str) -> tuple[str, str, list[str]]:
+    def sums(harmonics: Array) -> str:
+        return "".join(
+            f"    sum += {number(c)} * COS({number(n)} * angle) + {number(s)} * SIN({number(n)} * angle);\n"
+            for n, c, s in harmonics.tolist()
+        )
+
+    code = RIPPLE_CODE.replace("COGGING", sums(found.cogging)).replace("RIPPLE", sums(found.ripple))
+    code = code.replace("CONSTANT", number(found.constant)).replace("RELUCTANCE", number(found.reluctance))
+    notes = ["Cogging and ripple are the estimates, not ends of their intervals."]
+    return code.replace("NAME", name), RIPPLE.replace("NAME", name), notes
+
+
+def tables(found: RippleCompensation, name: str) -> dict[str, str]:
+    """The table over the angle, and that of ODrive's firmware."""
+    rows = "".join(",".join(f"{value:.9g}" for value in row) + "\n" for row in found.table(TABLE).tolist())
+    values = [f"{value:.7e}f" for value in found.table(COGGING_MAP)[:, 1].tolist()]
+    lines = ",\n".join("    " + ", ".join(values[k : k + 8]) for k in range(0, COGGING_MAP, 8))
+    return {
+        f"{name}_ripple.csv": f"angle [rad],torque [N*m],factor,q_current [A]\n{rows}",
+        f"{name}_odrive.h": "/* Made by emsid: controller.config.anticogging.cogging_map of ODrive 0.5, in N*m. */\n"
+        f"static const float {name}_cogging_map[{COGGING_MAP}] = {{\n{lines}\n}};\n",
+    }
 
 
 def _jump(x: str, width: float, statement: str) -> str:

@@ -40,6 +40,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.compensation.map_inverse import MapInverse
+from emsid.compensation.torque_ripple import RippleCompensation
 from emsid.errors import DataError, ModelError
 from emsid.estimation.fit import Fit
 from emsid.models.plants.sampling import Outer
@@ -204,11 +205,12 @@ def compensate(
     encoder: float | None = None,
     zone_width: float | None = None,
     speed_width: float | None = None,
-) -> Compensation | MapInverse:
+) -> Compensation | MapInverse | RippleCompensation:
     """The inverse of a model, to be put before its plant.
 
     Args:
-        model: a plant of one mass, or a fit of one; or a cascade, whose static map is inverted. Of a fit, friction and
+        model: a plant of one mass, or a fit of one; a cascade, whose static map is inverted; or a
+            brushless motor with harmonics of its torque, see `RippleCompensation`. Of a fit, friction and
             dead zone are those at the lower ends of their 95 % intervals; give ``fit.model`` for the estimates.
         dt: sample time in s of the controller, for a plant.
         encoder: counts per revolution (per m) of its encoder.
@@ -219,7 +221,7 @@ def compensate(
             default from the encoder, and 0 without one.
 
     Returns:
-        A `Compensation` of a plant; a `MapInverse` of a cascade.
+        A `Compensation` of a plant; a `MapInverse` of a cascade; a `RippleCompensation` of a brushless motor.
 
     Raises:
         ModelError: for a model without an inverse, with the reason, or a width or an encoder that is not positive.
@@ -238,6 +240,8 @@ def compensate(
     subject = lower_ends(model)
     if hasattr(subject, "blocks"):
         return MapInverse.of(subject)
+    if has_harmonics(subject):
+        return RippleCompensation.of(subject)
     if dt is not None and not (isfinite(dt) and dt > 0):
         raise ModelError(f"a sample time of {dt!r} s; give a positive number", arguments=("dt",))
     if dt is None and subject.dt is None:
@@ -246,7 +250,7 @@ def compensate(
     if not getattr(sampler, "of_one_mass", False):
         raise ModelError(
             f"{subject.name} has no inverse here: that is known for a plant of one mass (rigid-motor, "
-            "joint, linear-axis) and for the static map of a cascade; identify one of these"
+            "joint, linear-axis), the torque ripple of brushless and the static map of a cascade; identify one of these"
         )
     outer, inside, friction, _, law = sampler.numbers
     check_invertible(subject.name, outer, law)
@@ -259,6 +263,11 @@ def compensate(
         (count / (LOOP * step) if speed_width is None else speed_width),
     )
     return Compensation(subject.name, step, zone, inside, outer, friction, law, *widths, count)
+
+
+def has_harmonics(model: Any) -> bool:
+    """Whether a model is one of a plant whose torque has harmonics over the angle, or may have them."""
+    return hasattr(getattr(model, "plant", None), "torque_ripple")
 
 
 def lower_ends(model: Any) -> Any:

@@ -44,10 +44,9 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.registry import PLANTS
 from emsid.models.plants.search.choice import choose
-from emsid.models.plants.search.conclusion import concluded
-from emsid.models.plants.search.estimation import searched, simulation_error
+from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.parts import with_parts
 from emsid.models.plants.search.result import GreyBoxFit, has_physical_parameters
-from emsid.models.plants.search.rising import with_heating
 from emsid.models.refit_data import Data
 from emsid.options import Options
 from emsid.record import Record
@@ -178,7 +177,7 @@ class Physical:
         by_record = any("[" in name for name in options.fixed)  # additions are for one value in all records
         driven = plant.driven
         if driven is None and not (options.free or by_record or options.per_record):
-            found = searched(
+            return with_parts(
                 plant,
                 record,
                 fixed=options.fixed,
@@ -187,7 +186,6 @@ class Physical:
                 hold=options.hold,
                 control=control,
             )
-            return concluded(*with_heating(*found))
         if options.free or by_record or driven is None:
             return simulation_error(
                 plant,

@@ -32,6 +32,7 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
+from emsid.models.plants.search.parts import with_parts
 from emsid.models.plants.search.response_fit import fit_to_responses
 from emsid.plant import Motor
 from emsid.record import ChannelNames, FrequencyResponse, Record, concatenate
@@ -117,9 +118,9 @@ def fit_plant(
     Args:
         plant: what to fit.
         records: a record, or several; or frequency responses, see `fit_to_responses`.
-        search: whether to try additions, such as a delay, a Stribeck effect or how the sensor samples, as
-            `emsid.identify` does; by default where the plant has a drive and none of the arguments says what exactly to
-            fit: ``free``, ``bounds``, ``signals``, ``find_start``, ``max_iterations``, ``threads``.
+        search: whether to try additions, such as a delay, a Stribeck effect, how the sensor samples or the harmonics
+            of a torque, as `emsid.identify` does; by default where none of the arguments says what exactly to fit:
+            ``free``, ``bounds``, ``signals``, ``find_start``, ``max_iterations``, ``threads``.
         free, fixed, bounds, datasheet, signals, weighting, hold, per_record: see `simulation_error`.
         find_start, max_iterations, threads, control: likewise.
 
@@ -134,15 +135,21 @@ def fit_plant(
     records = tuple(each for each in whole if isinstance(each, Record))
     exact = free is not None or bounds is not None or signals is not None or threads is not None
     exact = exact or not find_start or max_iterations != 60 or any("[" in name for name in fixed or ())
-    if search and (exact or not isinstance(plant, DrivenPlant)):
+    if search and (exact or not (isinstance(plant, DrivenPlant) or plant.may_have_parts)):
         raise ModelError(
-            f"{plant.name}: additions are searched for a plant with a drive, without free, bounds and signals"
+            f"{plant.name}: additions are searched for a plant with a drive or a brushless motor, without free, bounds "
+            "and signals"
         )
     if isinstance(plant, DrivenPlant) and not exact and search is not False:
         together = records[0] if len(records) == 1 else concatenate(records)
         return choose(
             plant, together, fixed=fixed, datasheet=datasheet, weighting=weighting, hold=hold, per_record=per_record,
             control=control,
+        )  # fmt: skip
+    if plant.may_have_parts and not exact and search is not False and not per_record:
+        return with_parts(
+            plant, records, fixed=fixed, datasheet=datasheet, weighting=all_alike if weighting is None else weighting,
+            hold=hold, control=control,
         )  # fmt: skip
     return simulation_error(
         plant, records, free=free, fixed=fixed, bounds=bounds, datasheet=datasheet, signals=signals,

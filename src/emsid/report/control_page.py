@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from emsid.compensation import Compensation, MapInverse
+from emsid.compensation import Compensation, MapInverse, RippleCompensation
 from emsid.controllers import Controller
 from emsid.controllers.bench import AS_IS, BARE, CASCADE, REFERENCES, SIMC, ControlBench, rows_of
 from emsid.controllers.files import summary
@@ -31,15 +31,17 @@ def control_report(found: Controller) -> Report:
     )
 
 
-def compensation_report(found: Compensation | MapInverse, bench: ControlBench | None) -> Report:
+def compensation_report(found: Compensation | MapInverse | RippleCompensation, bench: ControlBench | None) -> Report:
     """The page of a compensation: what it gains at a reversal, the runs of the bench, and the inverse itself.
 
     Args:
-        found: the inverse of a plant or of a static map.
-        bench: its bench; a static map has none.
+        found: the inverse of a plant, of a static map or of a torque over the angle.
+        bench: that of a plant of one mass.
     """
     sections = tuple[Section, ...]()
-    if bench is None:
+    if isinstance(found, RippleCompensation):
+        gain, opening = [ripple_gain(found)], ripple_figure(found)
+    elif bench is None:
         gain, opening = ["The inverse of the static map, over its values."], inverse_figure(found)
     else:
         gain, opening = gain_at_reversal(bench), bench_figure(bench, "reversal", name="compensation")
@@ -52,6 +54,29 @@ def compensation_report(found: Compensation | MapInverse, bench: ControlBench | 
         sections=sections,
         imprint="emsid compensate",
     )
+
+
+def ripple_gain(found: RippleCompensation) -> str:
+    """What a torque over the angle has, and what cancels it, in a sentence."""
+    table = found.table(TURN)
+    torque, current = (float(np.ptp(table[:, k])) for k in (1, 3))
+    return (
+        f"A q-current of {current:.3g} A peak to peak cancels the cogging of {torque:.3g} N·m peak to peak; the ripple "
+        f"by current is {100 * float(np.ptp(found.part(table[:, 0]))):.2g} % peak to peak."
+    )
+
+
+TURN = 3600
+"""Points of a turn in the figure: ten for a period of the highest harmonic."""
+
+
+def ripple_figure(found: RippleCompensation) -> Figure:
+    """Cogging over the angle, and the ripple of the torque by current."""
+    table, at = found.table(TURN), Axis("Angle", "rad")
+    plots = [Plot((Line(table[:, 0], table[:, 1]),), at, Axis("Cogging torque", "N*m"))]
+    if len(found.ripple):
+        plots.append(Plot((Line(table[:, 0], 100 * found.part(table[:, 0])),), at, Axis("Ripple by current", "%")))
+    return Figure("torque-ripple", f"The torque of {found.name} over the angle of its shaft.", tuple(plots))
 
 
 def gain_at_reversal(bench: ControlBench) -> list[str]:

@@ -30,7 +30,7 @@ from emsid.report.numbers import estimate, less_than, number
 from emsid.report.views import analysis, first_look
 from emsid.report.views.conventions import channel_axis
 from emsid.report.views.front import results_table
-from emsid.report.views.grey_box import characteristic, dead_zone, friction, sticking
+from emsid.report.views.grey_box import characteristic, cogging, dead_zone, friction, sticking
 from emsid.report.views.record import measured_and_simulated, responses
 from emsid.report.views.residuals import residuals
 from emsid.units import readable_unit
@@ -166,7 +166,9 @@ def _(response: FrequencyResponse) -> Figure | None:
 @figure.register
 def _(fit: GreyBoxFit) -> Figure | None:
     """The free run, and the friction and the dead zone that the fit found."""
-    parts = [each for each in (sticking(fit), friction(fit), dead_zone(fit)) if each] if fit.segments else []
+    parts = (
+        [each for each in (sticking(fit), friction(fit), dead_zone(fit), cogging(fit)) if each] if fit.segments else []
+    )
     if not parts:
         return _interval_widths(fit)
     plots = tuple(plot for part in parts for plot in part.plots)

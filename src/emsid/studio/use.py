@@ -20,7 +20,8 @@ import emsid
 import emsid.compensation.files
 import emsid.controllers.files
 from emsid import compensation, controllers
-from emsid.compensation import Compensation, MapInverse
+from emsid.compensation import Compensation, MapInverse, RippleCompensation
+from emsid.compensation.inverse import has_harmonics
 from emsid.errors import DataError
 from emsid.estimation.threads import one_blas_thread
 from emsid.exports import FORMATS
@@ -197,8 +198,8 @@ def _control(path: Path, asked: Mapping[str, Any], folder: Path) -> Report:
 def _compensate(path: Path, asked: Mapping[str, Any], folder: Path) -> Report:
     model, dt = loaded(path), asked.get("dt", sample_time(path))
     bench = None
-    found: Compensation | MapInverse
-    if dt is None or hasattr(as_model(model), "blocks"):
+    found: Compensation | MapInverse | RippleCompensation
+    if dt is None or hasattr(as_model(model), "blocks") or has_harmonics(as_model(model)):
         found = emsid.compensate(model, dt=dt, encoder=asked.get("encoder"))
     else:
         found, bench = controllers.verb.compensated(model, **{**asked, "dt": dt})

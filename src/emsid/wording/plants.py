@@ -66,6 +66,10 @@ probably-another-system info: the search of extra effects stopped after the firs
     the variance, a {regression:None=>linear model {linear:.2g %}|polynomial regression {regression:.2g %}}
 speed-is-a-mean info: the data show that {subject} is the mean over the sample before it, as an encoder counts, and it
     is simulated so ({argument[average]})
+cogging-over-angle info: the cogging of {subject} is {size:.3g[unit]} peak to peak, {share:.2g %} of the largest torque
+    in the records; its largest harmonic has {number} periods per turn
+torque-ripple-over-angle info: the torque of {subject} by current changes over the angle by {size:.2g %} peak to peak;
+    its largest harmonic has {number} periods per turn
 friction-fades-as-gaussian info: the friction of {subject} near rest fades as exp(−(rate·speed)²), not as
     exp(−rate·speed)
 residual-slow warning: the residual changes slowly (about {values:.0f} independent values in {samples:,}); the intervals

@@ -12,7 +12,7 @@ from emsid.cli.terminal import say, say_json
 from emsid.cli.writing import as_json, check_folder
 
 if TYPE_CHECKING:
-    from emsid.compensation import Compensation, MapInverse
+    from emsid.compensation import Compensation, MapInverse, RippleCompensation
     from emsid.controllers import ControlBench
 
 
@@ -56,11 +56,12 @@ def compensate(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Write the inverse of a model in C: dead zone, friction.
+    """Write the inverse of a model in C: dead zone, friction, torque ripple.
 
     Of a plant of one mass it writes the inverse of the dead zone, the friction for a reference speed, and the command
     that leads from one reference speed to the next, beside the C of the model; of a cascade, the inverse of its static
-    map. Friction and dead zone are those at the lower ends of their intervals. A position loop then runs on a bench
+    map; of a brushless motor the q-current against cogging and ripple, and its table over the angle as CSV and for
+    ODrive. Friction and dead zone are those at the lower ends of their intervals. A position loop then runs on a bench
     with and without it, with friction and dead zone as identified and 30 % off: hold, reversal, step and sine. A page
     shows the runs and the inverse.
 
@@ -69,9 +70,11 @@ def compensate(
       emsid compensate emsid-result/rigid-motor.json --out inverse --dt 1ms --encoder 2000
       emsid compensate emsid-result/rigid-motor.json --out inverse --dt 500Hz --smooth 0.1V --limit 12V
       emsid compensate emsid-result/hammerstein.json --out inverse --name drive --float
+      emsid compensate emsid-result/brushless.json --out ripple --float
     """
     from emsid.compensation import compensate as invert
     from emsid.compensation.files import write
+    from emsid.compensation.inverse import has_harmonics
     from emsid.controllers.files import bench_lines
     from emsid.controllers.verb import compensated
     from emsid.exports.verb import check_stable
@@ -85,10 +88,10 @@ def compensate(
     subject = as_model(loaded)
     if dt is None:
         dt = subject.dt if subject.dt is not None or source is None else source.dt
-    found: Compensation | MapInverse
+    found: Compensation | MapInverse | RippleCompensation
     bench: ControlBench | None = None
     lines = list[str]()
-    if dt is None or hasattr(subject, "blocks"):
+    if dt is None or hasattr(subject, "blocks") or has_harmonics(subject):
         found = invert(loaded, dt=dt, encoder=encoder, zone_width=smooth, speed_width=smooth_speed)
         check_stable(subject, dt)
     else:

@@ -8,7 +8,7 @@ candidates.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
@@ -54,6 +54,22 @@ class Quantity(NamedTuple):
     unit: str
     value: float
     rests_on: RestsOn = RestsOn()
+
+
+class Part(NamedTuple):
+    """What a plant may have in addition, without effect where all of its parameters are zero.
+
+    Attributes:
+        of: the field of the plant that it is an item of.
+        number: which item.
+        names: of its parameters.
+        prior: its probability before the data are seen; those of all parts of a field add up to one.
+    """
+
+    of: str
+    number: int
+    names: tuple[str, ...]
+    prior: float
 
 
 class Channels(NamedTuple):
@@ -238,6 +254,25 @@ class Plant(ABC):
         return ()
 
     @property
+    def may_have_parts(self) -> bool:
+        """Whether some records show `possible_parts`; none."""
+        return False
+
+    def possible_parts(self, segments: Sequence[Record], signals: Sequence[Signal]) -> Sequence[Part]:
+        """What it may have in addition that some records can show, whether it has it or not; nothing."""
+        return ()
+
+    def with_parts(self, parts: Sequence[Part]) -> Self:
+        """The plant with just these of its possible parts; values of those that it has already stay."""
+        return self
+
+    def effects_of_parts(
+        self, groups: Sequence[Sequence[Part]], segment: Record, state: Array, signals: Sequence[Signal]
+    ) -> Iterator[Array]:
+        """Of every group of parts (N, ny, parts, k), derivatives by their k parameters, where these are zero; none."""
+        return iter(())
+
+    @property
     def absent(self) -> tuple[str, ...]:
         """Parameters of parts that this plant does not have; none."""
         return ()
@@ -394,6 +429,14 @@ class Plant(ABC):
     def dead_zone_characteristic(self) -> StaticCharacteristic | None:
         """The output of its dead zone; None: not known."""
         return None
+
+    def cogging_characteristic(self) -> StaticCharacteristic | None:
+        """Its cogging over a turn; None: it has none, or it is not known over a turn."""
+        return None
+
+    def remarks(self, segments: Sequence[Record], signals: Sequence[Signal]) -> list[Finding]:
+        """Findings about its estimates that a reader of its table wants in a sentence; none."""
+        return []
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Combinations of parameters with a meaning, such as time constants, which data may determine better; none."""

@@ -71,6 +71,10 @@ class Score:
         residuals: (Nᵢ,) r of every stretch of stationary noise: a segment and a channel.
         jacobians: (Nᵢ, p) J of each; columns of parameters at a bound left out.
         channels: the channel of each; every channel has a colour of its own.
+
+    Attributes:
+        residuals: as given.
+        power: ‖r‖².
     """
 
     def __init__(self, residuals: Sequence[Array], jacobians: Sequence[Array], channels: Sequence[int]) -> None:
@@ -78,7 +82,7 @@ class Score:
         self._ends = np.cumsum([len(each) for each in residuals])[:-1]
         self._error = np.concatenate(self.residuals)
         self._basis = _orthonormal(np.concatenate(jacobians))
-        self._power = float(self._error @ self._error)
+        self.power = float(self._error @ self._error)
 
     def promise(
         self,
@@ -99,7 +103,7 @@ class Score:
         effect = np.concatenate(added)
         none = Promise(0.0, np.zeros(effect.shape[1]), 1.0)
         sizes = np.linalg.norm(effect, axis=0)
-        if not (self._power > 0 and np.isfinite(sizes).all() and np.any(sizes > 0)):
+        if not (self.power > 0 and np.isfinite(sizes).all() and np.any(sizes > 0)):
             return none
         own = effect - self._basis @ (self._basis.T @ effect)
         own -= self._basis @ (self._basis.T @ own)  # once more, against cancellation
@@ -109,9 +113,35 @@ class Score:
             return none
         step = _step(basis.T @ own, -(basis.T @ self._error), lower, upper)
         left = self._error + own @ step
-        share = max(1.0 - float(left @ left) / self._power, 0.0)
+        share = max(1.0 - float(left @ left) / self.power, 0.0)
         gain = schwarz_gain(1.0 - share, 1.0, len(left), basis.shape[1])
         return Promise(share, step, self._chance(basis, left, most) if share > least else 1.0, gain)
+
+    def with_columns(self, columns: Array) -> Score:
+        """The score where further parameters with A (N, k), of all stretches in turn, have their best values."""
+        parts = np.split(columns, self._ends)
+        jacobians = [np.column_stack(each) for each in zip(self._jacobians, parts, strict=True)]
+        basis = _orthonormal(np.concatenate(jacobians))
+        left = self._error - basis @ (basis.T @ self._error)
+        return Score(np.split(left, self._ends), jacobians, self._channels)
+
+    def shares(self, effects: Array) -> Array:
+        """(m,) the share of the squared error that each of many additions promises, without bounds.
+
+        Args:
+            effects: (N, m, k) A of every addition, all stretches one after the other.
+        """
+        samples, many, k = effects.shape
+        own = effects.reshape(samples, many * k)
+        sizes = np.linalg.norm(own, axis=0)
+        own = own - self._basis @ (self._basis.T @ own)
+        own[:, np.linalg.norm(own, axis=0) <= INSEPARABLE * sizes] = 0.0
+        columns = own.reshape(samples, many, k)
+        squares, towards = np.einsum("nmi,nmj->mij", columns, columns), np.einsum("nmi,n->mi", columns, self._error)
+        saved = np.einsum(
+            "mi,mij,mj->m", towards, np.linalg.pinv(squares, rcond=INSEPARABLE**2, hermitian=True), towards
+        )
+        return np.asarray(saved / self.power if self.power > 0 else np.zeros(many))
 
     def _chance(self, basis: Array, left: Array, most: float) -> float:
         """The probability that noise coloured like what is left promises as much."""

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 
 from emsid.errors import listed
 from emsid.estimation.estimates import HALF_WIDTH, INCLUDES_ZERO
-from emsid.models.plants.search.diagnostics import Curve, Profile, dead_zone_curve, friction_curve, stops
+from emsid.models.plants.search.diagnostics import (
+    Curve,
+    Profile,
+    cogging_curve,
+    dead_zone_curve,
+    friction_curve,
+    stops,
+)
 from emsid.models.plants.search.result import Status
 from emsid.record import concatenate
 from emsid.report.document import (
@@ -133,6 +140,30 @@ def dead_zone(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
         f"{_assuming(fit, curve.x, _dead_zone_of)}",
         tuple(plots),
         columns=len(plots),
+    )
+
+
+def cogging(fit: GreyBoxFit, *, name: str = "") -> Figure | None:
+    """Cogging over a turn with its band.
+
+    Args:
+        fit: of a physical model.
+        name: of the figure, by default after the model.
+
+    Returns:
+        None for a plant without it.
+    """
+    curve = cogging_curve(fit)
+    if curve is None:
+        return None
+    (x, y) = curve.axes
+    factor, unit = prefixed(float(np.max(np.abs(curve.y))), y[1])
+    plot = Plot(tuple(_characteristic(curve, factor, y[0].lower())), Axis(*x), Axis(y[0], unit), height=1.6)
+    return Figure(
+        name or f"{slug(fit.model.name)}-cogging",
+        f"Cogging torque of {fit.model.name} over a turn, {_with_band(curve)}. Grey: histogram (logarithmic) of the "
+        "angle in the records used in the fit.",
+        (plot,),
     )
 
 

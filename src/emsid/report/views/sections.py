@@ -120,6 +120,7 @@ def _poles(fit: Fit[Any], prefix: str) -> Figure:
 
 def _of_plant(fit: GreyBoxFit, record: Record, prefix: str, profiles: Sequence[Profile]) -> Parts:
     from emsid.report.views.grey_box import (
+        cogging,
         dead_zone,
         friction,
         likelihood,
@@ -133,6 +134,7 @@ def _of_plant(fit: GreyBoxFit, record: Record, prefix: str, profiles: Sequence[P
         partial(sticking, fit, name=f"{prefix}-sticking"),
         partial(friction, fit, name=f"{prefix}-friction"),
         partial(dead_zone, fit, name=f"{prefix}-dead-zone"),
+        partial(cogging, fit, name=f"{prefix}-cogging"),
         *(partial(likelihood, fit, each, name=f"{prefix}-profile-{slug(each.name)}") for each in profiles),
     )
     units = units_taken(fit)

@@ -18,6 +18,7 @@ from emsid.estimation.threads import one_blas_thread
 from emsid.models.plants.driven import DrivenPlant
 from emsid.models.plants.free_run_error import FreeRunError, threads_for
 from emsid.models.plants.initial_state import begun
+from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant, StaticCharacteristic
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.presentation import Presented
@@ -175,6 +176,36 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
         return x if zone is None else zone.law(x)
 
     return _with_band(fit, x, through, applied, level, declared)
+
+
+def cogging_curve(fit: GreyBoxFit, points: int = 721, level: float = 0.95) -> Curve | None:
+    """Cogging over a turn, in N·m over rad; None for a plant without it.
+
+    Args:
+        fit: of a plant.
+        points: of the curve.
+        level: of the band, by the covariance to first order.
+
+    Raises:
+        ModelError: for a fit from a file, which has no records.
+    """
+    declared = fit.model.plant.cogging_characteristic()
+    if declared is None:
+        return None
+    _check_records(fit)
+    x = np.linspace(0.0, 2 * np.pi, points)
+
+    def law(plant: Plant) -> Array:
+        cogging = plant.cogging_characteristic()
+        assert cogging is not None
+        return cogging.law(x)
+
+    angles = [
+        plant.for_segment(each).simulate(each.input, each.dt, state, (Signal.POSITION,))[:, 0]
+        for plant in [fit.model.plant]
+        for each, state in zip(fit.segments, fit.states, strict=True)
+    ]
+    return _with_band(fit, x, law, np.mod(np.concatenate(angles), 2 * np.pi), level, declared)
 
 
 def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:

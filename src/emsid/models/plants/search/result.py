@@ -213,6 +213,7 @@ def findings_of(
         *_as_simulated(task, plant),
         *_not_identifiable(task, plant, names, identifiability, together),
         *unseen,
+        *plant.of_record(0).remarks(task.segments, task.signals),
         *zero,
     )
 

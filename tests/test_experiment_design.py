@@ -63,7 +63,7 @@ def test_the_information_of_a_linear_model_is_that_of_its_regressors():
     fit = emsid.fit(emsid.arx(na=0, nb=1), emsid.Record(record.input, y, dt=0.1))
     u = np.random.default_rng(3).standard_normal(300)
     of = Sensitivities.of(fit.model, fit.names, fit.standard_error, 0.1, np.array([0.5]))
-    found = of.information(u)[0, 0] / of.scale[0] ** 2
+    found = of.information(u[:, None])[0, 0] / of.scale[0] ** 2
     assert found == pytest.approx(np.sum(u[:-1] ** 2) / 0.25, rel=1e-6)
 
 
@@ -96,7 +96,7 @@ def test_the_signal_stays_within_its_limits(fit, criterion):
     assert len(command) == 800
     assert np.abs(command).max() <= 6.0
     assert np.abs(np.diff(command, prepend=0.0)).max() <= 200.0 * DT
-    speed, position = motion(fit.model, command, DT)
+    speed, position = motion(fit.model, command[:, None], DT)
     assert 10.0 < np.abs(speed).max() <= 40.0
     assert np.ptp(position) <= 30.0
 
@@ -108,7 +108,7 @@ def test_what_voltage_does_not_separate_is_said_with_what_does(designed):
 
 
 def test_where_nothing_is_gained_the_standard_signal_is_given(fit, monkeypatch):
-    monkeypatch.setattr("emsid.experiment_design.verb.searched", lambda *_: np.full(800, 0.01))
+    monkeypatch.setattr("emsid.experiment_design.verb.searched", lambda *_: np.full((800, 1), 0.01))
     found = emsid.design(fit, limit=12.0, duration=4.0, dt=DT)
     assert found.best.name in found.standard
     assert found.gain == 1.0

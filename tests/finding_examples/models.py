@@ -213,6 +213,18 @@ EXAMPLES: tuple[Finding, ...] = (
         "joint",
         IDENTIFIABLE | {"combinations": ["K/R"], "kept": [["resistance", 2.0, "ohm"]], "one_load": True},
     ),
+    Finding(
+        "not-identifiable",
+        "brushless",
+        IDENTIFIABLE
+        | {"model": "brushless", "parameters": ["flux", "inertia"], "combinations": [], "current_missing": False}
+        | {"kept": [["flux", 0.005, "Wb"]], "tests": {"q-axis": ["flux", "inertia"]}},
+    ),
+    Finding(
+        "intervals-include-zero",
+        "brushless",
+        {"parameters": ["flux", "inertia"], "without": [], "tests": {"d-axis": ["flux"], "q-axis": ["inertia"]}},
+    ),
     Finding("error-above-rounding", "joint", {"ratio": 2.1, "step": 0.001534, "unit": "rad"}),
     Finding("within-rounding", "joint", {"step": 0.001534, "unit": "rad", "narrower": 5.2}),
     Finding("outside-rounding", "joint", {"step": 0.001534, "unit": "rad", "least": 0.61}),

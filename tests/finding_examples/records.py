@@ -169,6 +169,36 @@ EXAMPLES: tuple[Finding, ...] = (
         "log.csv",
         {"inputs": ["load torque"], "outputs": ["current"], "positions": ["count"]},
     ),
+    Finding(
+        "brushless-columns",
+        "log.csv",
+        {"voltages": ["v_d", "v_q"], "currents": ["i_d", "i_q"], "speed": "speed", "rests": False},
+    ),
+    Finding(
+        "brushless-columns",
+        "log.csv",
+        {"voltages": ["v_q"], "currents": ["i_q"], "speed": "speed", "rests": True},
+    ),
+    Finding("pole-pairs-open", "log.csv", {"usual": 7.0}),
+    Finding("speed-electrical", "erpm", {"pole_pairs": None}),
+    Finding("speed-electrical", "erpm", {"pole_pairs": 7}),
+    Finding(
+        "record-determines",
+        "log.csv",
+        {"turns": False, "currents": ["d", "q"], "known": ["resistance"], "unknown": ["flux"], "ratios": []}
+        | {"tests": {"q-axis": ["flux"]}},
+    ),
+    Finding(
+        "record-determines",
+        "log.csv",
+        {"turns": True, "currents": [], "known": ["flux"], "unknown": ["resistance", "inertia"], "ratios": ["inertia"]}
+        | {"tests": {"d-axis": ["resistance"], "q-axis": ["inertia"]}},
+    ),
+    Finding(
+        "record-determines",
+        "log.csv",
+        {"turns": True, "currents": ["d"], "known": ["flux"], "unknown": [], "ratios": [], "tests": {}},
+    ),
     Finding("delay-ambiguous", "y", {"input": "u", "period": 22, "time": 1.1}),
     Finding("unit-not-used", "current", {"unit": "A", "channels": ["u", "y"]}),
     *(

@@ -110,6 +110,7 @@ EXAMPLES: tuple[Finding, ...] = (
         "arx",
         RECOMMENDED | {"verdict": "model-unusable", "reasons": [{"code": "diverges", "sample": 54}]},
     ),
+    Finding("next-test", "brushless", {"tests": {"q-axis": ["flux", "inertia"]}}),
     *(
         Finding("next-experiment", "log.csv", {"kind": kind, **more})
         for kind, more in (

@@ -274,7 +274,7 @@ def _certain_columns(
 def identify_words(group: Hypothesis | Group) -> list[str]:
     """The words of the command that identifies from files as a first look reads them."""
     files = [file_word(look.path) for look in group.looks]
-    return ["emsid", "identify", *files, *as_options(group.reading)]
+    return ["emsid", "identify", *files, *as_options(group.reading), *as_options(group.fit)]
 
 
 def as_options(reading: Mapping[str, Any]) -> list[str]:

@@ -71,6 +71,7 @@ class Fit(Presented, Generic[M]):
         table: a row for every parameter with what is known of it besides the estimate, such as its unit; empty where
             there is no more. It may have rows for parameters that are fixed or kept.
         channels: name and unit of the channels of its records; None where not known.
+        output_noise: (ny,) standard deviation of what is left of every output, in its unit; None where not known.
 
     Everything else is looked up in the model: ``fit.simulate``, ``fit.dt``, ``fit.equation``.
     """
@@ -91,6 +92,7 @@ class Fit(Presented, Generic[M]):
     dependent: int = 0
     table: tuple[Estimate, ...] = ()
     channels: ChannelNames | None = None
+    output_noise: Array | None = None
 
     __iter__ = None  # it is looked up by name, and no sequence
 

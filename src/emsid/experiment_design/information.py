@@ -87,20 +87,29 @@ class Sensitivities:
         return tuple(found) or (self,)
 
     @property
+    def inputs(self) -> int:
+        """How many commands a test chooses."""
+        return len(self.model.plant.test_names) if hasattr(self.model, "plant") else 1
+
+    @property
     def _values(self) -> Array:
         values = self.model.parameter_values()
         return np.array([values[name] for name in self.names])
 
     def runs(self, models: Sequence[Any], u: Array) -> list[Array]:
-        """The outputs (N, ny) of several models for a command (N,), from rest."""
-        inputs = np.ascontiguousarray(u[:, None])
+        """The outputs (N, ny) of several models for commands (N, nc), from rest."""
+        inputs = np.ascontiguousarray(u)
         if hasattr(self.model, "plant"):
             plants = [model.plant for model in models]
             return [plant.simulate(inputs, self.dt, np.zeros(plant.states), self.model.signals) for plant in plants]
         return [model.run(model.at_rest(0.0, self.dt), inputs)[0] for model in models]
 
     def jacobian(self, u: Array) -> Array:
-        """(N·ny, p) the derivative of the outputs by the relative parameters, in standard deviations of the error."""
+        """(N·ny, p) the derivative of the outputs by the relative parameters, in standard deviations of the error.
+
+        Args:
+            u: (N, nc) the commands.
+        """
         models, at = [self.model], self._values
         steps = np.full(len(at), STEP)
         for k, scale in enumerate(self.scale.tolist()):
@@ -121,10 +130,10 @@ class Sensitivities:
         return np.column_stack(columns) if columns else np.empty((len(u) * len(self.noise), 0))
 
     def information(self, u: Array, *, wide: bool = False) -> Array:
-        """(p, p) the Fisher information of a command (N,), for relative parameters; zero where a run is not finite.
+        """(p, p) the Fisher information of commands (N, nc), for relative parameters; zero where a run is not finite.
 
         Args:
-            u: the command.
+            u: the commands.
             wide: whether it is the mean of `around`.
         """
         if wide:
@@ -132,10 +141,28 @@ class Sensitivities:
         j = self.jacobian(u)
         return np.asarray(j.T @ j) if np.isfinite(j).all() else np.zeros((j.shape[1],) * 2)
 
+    def covariance_of_fit(self, u: Array) -> Array:
+        """(p, p) the covariance of relative parameters that `emsid.fit` has from commands (N, nc), by the noise alone.
+
+        It divides every output by its standard deviation s, not by that of its error σ. With the weights w = (σ/s)² of
+        the outputs, A = Σ w·JᵀJ and B = Σ w²·JᵀJ, the covariance is A⁻¹·B·A⁻¹; for one output A⁻¹ with w = 1.
+        """
+        j = self.jacobian(u)
+        spread = np.std(self.runs([self.model], u)[0], axis=0)
+        if len(spread) == 1:
+            return covariance_of(j.T @ j)
+        weights = np.tile(self.noise**2 / (spread**2 + self.noise**2), len(u))[:, None]
+        inverse = covariance_of((weights * j).T @ j)
+        return np.asarray(inverse @ ((weights**2 * j).T @ j) @ inverse)
+
 
 def relative_errors(information: Array) -> Array:
     """(p,) relative standard errors; infinite for parameters that are not determined."""
-    covariance = covariance_of(information)
+    return errors_of(covariance_of(information))
+
+
+def errors_of(covariance: Array) -> Array:
+    """(…, p) standard errors."""
     return np.asarray(np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0)))
 
 

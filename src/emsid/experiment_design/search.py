@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 PAUSE = 0.05
 """The part of a section at its end at zero."""
 SIZES = 10
-"""Sizes of the library, from the break-away level to the limit, in equal ratios."""
+"""Sizes of the library, from the break-away level to the limit, in equal ratios; shared by several inputs."""
 CYCLES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """Cycles in a section."""
 
@@ -87,18 +88,22 @@ class Section:
         size: of the command.
         cycles: in the section.
         warp: exponent of time, ≠ 1 for cycles that get slower (> 1: faster).
+        input: the place of the command that it is of; the others are zero.
     """
 
     shape: Callable[[Array], Array]
     size: float
     cycles: float
     warp: float = 1.0
+    input: int = 0
 
-    def signal(self, samples: int) -> Array:
-        """(samples,) the command."""
+    def signal(self, samples: int, inputs: int) -> Array:
+        """(samples, inputs) the commands."""
         moving = max(round((1 - PAUSE) * samples), 1)
         phase = self.cycles * ((np.arange(moving) + 0.5) / moving) ** self.warp
-        return np.concatenate([self.size * self.shape(phase), np.zeros(samples - moving)])
+        found = np.zeros((samples, inputs))
+        found[:moving, self.input] = self.size * self.shape(phase)
+        return found
 
     def varied(self, rng: np.random.Generator, largest: float) -> Section:
         """A section near this one."""
@@ -110,19 +115,18 @@ class Section:
         return replace(self, shape=shape, size=size, cycles=cycles, warp=warp)
 
 
-def library(least: float, largest: float, most_cycles: float) -> Iterator[Section]:
-    """Sections of every shape, size and number of cycles.
+def library(least: float, largest: float, most_cycles: float, inputs: int) -> Iterator[Section]:
+    """Sections of every shape, size and number of cycles, on every input.
 
     Args:
         least, largest: sizes of the command.
         most_cycles: in a section.
+        inputs: how many there are; the number of sections is about the same for all.
     """
-    sizes = np.geomspace(min(least, largest), largest, SIZES).tolist()
-    for shape in SHAPES:
-        for size in sizes:
-            for cycles in CYCLES:
-                if cycles <= max(most_cycles, 1.0):
-                    yield Section(shape, size, cycles)
+    sizes = np.geomspace(min(least, largest), largest, max(SIZES // inputs, 3)).tolist()
+    for shape, size, cycles, input in product(SHAPES, sizes, CYCLES, range(inputs)):
+        if cycles <= max(most_cycles, 1.0):
+            yield Section(shape, size, cycles, input=input)
 
 
 Criterion = Callable[[Array, Array], Array]
@@ -167,7 +171,7 @@ def searched(
     criterion: Criterion,
     rng: np.random.Generator,
 ) -> Array | None:
-    """(samples,) the best command found; None where no section is within the limits.
+    """(samples, nc) the best commands found; None where no section is within the limits.
 
     Args:
         sensitivities: of the model.
@@ -178,16 +182,16 @@ def searched(
         criterion: of `CRITERIA`.
         rng: for the sections near the chosen ones.
     """
-    length = samples // SECTIONS
+    length, inputs = samples // SECTIONS, sensitivities.inputs
 
     def tried(section: Section) -> _Tried | None:
-        signal = limits.scaled(sensitivities.model, section.signal(length), sensitivities.dt)
+        signal = limits.scaled([sensitivities.model], section.signal(length, inputs), sensitivities.dt)
         if signal is None:
             return None
         return _Tried(section, signal, sensitivities.information(signal, wide=True))
 
     cycles = length / 10  # ten samples of every cycle
-    pool = [each for section in library(least, limits.command, cycles) if (each := tried(section)) is not None]
+    pool = [each for section in library(least, limits.command, cycles, inputs) if (each := tried(section)) is not None]
     if not pool:
         return None
     chosen = _exchanged(pool, wanted, criterion)
@@ -203,8 +207,7 @@ def searched(
         if value < best:
             chosen[k], total, best = other, changed, value
     signal = np.concatenate([each.signal for each in chosen])
-    whole: Array = np.concatenate([signal, np.zeros(samples - len(signal))])
-    return whole
+    return np.asarray(np.concatenate([signal, np.zeros((samples - len(signal), inputs))]))
 
 
 def _exchanged(pool: Sequence[_Tried], wanted: Array, criterion: Criterion) -> list[_Tried]:

@@ -14,7 +14,8 @@ from emsid.errors import DataError, ModelError, listed
 from emsid.estimation.estimates import HALF_WIDTH
 from emsid.estimation.fit import Fit
 from emsid.excitation import SIGNALS
-from emsid.experiment_design.information import Inseparable, Sensitivities, inseparable, relative_errors
+from emsid.experiment_design.information import Inseparable, Sensitivities, errors_of, inseparable
+from emsid.experiment_design.known import Known, known_before
 from emsid.experiment_design.limits import Limits
 from emsid.experiment_design.search import CRITERIA, searched
 from emsid.findings import Finding
@@ -42,7 +43,7 @@ class Prediction:
 
     Attributes:
         name: of the signal.
-        command: (N,) the signal.
+        command: (N, nc) the signal of every input.
         half_widths: of the 95 % interval of every parameter, in its unit; infinite where not determined.
         size: root of the criterion: the typical relative standard error of the wanted parameters.
     """
@@ -105,73 +106,88 @@ def design(
     limit_slew: float = inf,
     limit_speed: float = inf,
     limit_travel: float = inf,
+    limit_current: float = inf,
     wanted: Sequence[str] = (),
     criterion: str = "a",
-    noise: float | None = None,
+    noise: float | Sequence[float] | None = None,
+    datasheet: Mapping[str, Any] | None = None,
     seed: int = 1,
 ) -> Design:
     """A test signal that makes the intervals of some parameters small.
 
+    Parameters that the records of a fit do not determine, and that a test does (`Plant.tests`), are wanted before all
+    others. Their values come from a datasheet, whose tolerances say how far off they may be; dry friction and damping
+    that nobody gave may be from zero to a tenth of what the largest command overcomes. The limits hold for all of these
+    values.
+
     Args:
-        fit: a fitted model, for its parameters and its noise; a plant, a cascade or another model with parameters.
+        fit: a fitted model, for its parameters and its noise; a plant, a cascade or another model with parameters. With
+            a datasheet a plant without estimates.
         limit: the largest command either way, in its unit.
         duration: in s.
         dt: sample time in s, for a model that has none of its own.
         limit_slew: the fastest change of the command per second.
         limit_speed: the largest speed in rad/s (m/s).
         limit_travel: the largest distance between two positions in rad (m).
-        wanted: the parameters to determine, by name or its end: ``friction.coulomb``; by default all estimated ones.
+        limit_current: the largest current in A; of a brushless motor the amplitude of both axes.
+        wanted: the parameters to determine, by name or its end: ``friction.coulomb``; by default those that are open,
+            or else all estimated ones.
         criterion: ``a`` for the mean square of the relative standard errors, ``d`` for the volume of their region.
-        noise: standard deviation of the error of the output; by default that of the fit.
+        noise: standard deviation of the error of the output, or of every output; by default that of the fit.
+        datasheet: values of parameters that are open, as `emsid.fit` takes them; without a tolerance 30 %.
         seed: of the search and of the standard signals.
 
     Returns:
         The signal with its predicted intervals, beside those of standard signals within the same limits.
 
     Raises:
-        ModelError: for a model without estimates or noise, an unknown parameter or criterion.
+        ModelError: for a model without estimates or noise, an unknown parameter or criterion, or open parameters
+            without values.
         DataError: for limits that no signal meets, or a duration that is too short.
     """
-    if not isinstance(fit, Fit) or not len(fit.names):
-        raise ModelError(f"{as_model(fit).name} has no estimates; give a fit, such as `emsid.identify` finds")
     if criterion not in CRITERIA:
         raise ModelError(f"no criterion {criterion!r}; there are {', '.join(CRITERIA)}", arguments=("criterion",))
-    limits = Limits(limit, limit_slew, limit_speed, limit_travel)
-    step, samples = _sampling(fit, dt, duration)
-    sensitivities = Sensitivities.of(fit.model, fit.names, fit.standard_error, step, _noise(fit, noise))
-    names = tuple(dict.fromkeys(_named(fit, each) for each in wanted)) or fit.names
-    indices = np.array([fit.names.index(name) for name in names])
+    if not (isinstance(fit, Fit) and len(fit.names)) and not datasheet:
+        name = as_model(fit).name
+        raise ModelError(f"{name} has no estimates; give a fit, such as `emsid.identify` finds, or a datasheet")
+    limits = Limits(limit, limit_slew, limit_speed, limit_travel, limit_current)
+    step, samples = _sampling(as_model(fit), dt, duration)
+    known = known_before(fit, datasheet, limits, step)
+    sensitivities = Sensitivities.of(known.model, known.names, known.errors, step, _noise(fit, known.model, noise))
+    names = tuple(dict.fromkeys(_named(known, each) for each in wanted)) or known.open or known.names
+    indices = np.array([known.names.index(name) for name in names])
     rng = np.random.default_rng(seed)
-    standard = _standard(sensitivities, limits, samples, indices, criterion, seed)
+    standard = _standard(sensitivities, limits, known.possible, samples, indices, criterion, seed)
     _check_moves(sensitivities, limits, standard)
-    found = searched(sensitivities, limits, samples, _least(fit.model, limit), indices, CRITERIA[criterion], rng)
-    best = None if found is None else limits.scaled(fit.model, found, step)
+    found = searched(sensitivities, limits, samples, _least(known.model, limit), indices, CRITERIA[criterion], rng)
+    best = None if found is None else limits.scaled(known.possible, found, step)
     if best is not None:
         predicted = _predicted("design", sensitivities, best, indices, criterion)
     rival = min(standard.values(), key=lambda each: each.size, default=None)
     if best is None or (rival is not None and rival.size <= predicted.size * GAINED):
         if rival is None:
-            raise _nothing(fit.model.name, limits)
+            raise _nothing(known.model.name, limits)
         predicted = rival
     gain = 1.0 if predicted is rival else (inf if rival is None else rival.size / predicted.size)
     apart = inseparable(sensitivities, [predicted.command, *(each.command for each in standard.values())])
+    units = {name: plain_unit(known.unit(name)) for name in known.names}
     return Design(
-        _record(fit, predicted.command, step),
+        _record(fit, known.model, predicted.command, step),
         names,
-        dict(zip(fit.names, fit.estimate.tolist(), strict=True)),
-        {name: plain_unit(fit.parameters[name].unit) for name in fit.names},
+        dict(zip(known.names, known.values, strict=True)),
+        units,
         predicted,
         standard,
-        dict(zip(fit.names, (HALF_WIDTH * fit.standard_error).tolist(), strict=True)),
+        known.present,
         gain,
-        _findings(fit, predicted, gain, apart),
+        _findings(known, predicted, gain, apart),
     )
 
 
-def _sampling(fit: Fit[Any], dt: float | None, duration: float) -> tuple[float, int]:
-    step = fit.model.dt if fit.model.dt is not None else dt
+def _sampling(model: Any, dt: float | None, duration: float) -> tuple[float, int]:
+    step = model.dt if model.dt is not None else dt
     if step is None:
-        raise ModelError(f"{fit.model_name} has no sample time of its own; give one", arguments=("dt",))
+        raise ModelError(f"{model.name} has no sample time of its own; give one", arguments=("dt",))
     if not (isfinite(step) and step > 0):
         raise DataError(f"a sample time of {step!r} s; give a positive number", arguments=("dt",))
     if not (isfinite(duration) and FEWEST <= duration / step <= MOST_SAMPLES):
@@ -183,32 +199,45 @@ def _sampling(fit: Fit[Any], dt: float | None, duration: float) -> tuple[float, 
     return step, round(duration / step)
 
 
-def _noise(fit: Fit[Any], noise: float | None) -> Array:
-    outputs = len(getattr(fit.model, "signals", (0,)))
-    if noise is None and outputs > 1:
-        raise ModelError(f"{fit.model_name} has {outputs} outputs; give the standard deviation", arguments=("noise",))
-    found = sqrt(fit.noise_variance) if noise is None else noise
-    if not (isfinite(found) and found > 0):
+def _noise(fit: Any, model: Any, noise: float | Sequence[float] | None) -> Array:
+    outputs = len(getattr(model, "signals", (0,)))
+    known = getattr(fit, "output_noise", None) if isinstance(fit, Fit) else None
+    if noise is not None:
+        found = np.atleast_1d(np.asarray(noise, dtype=float))
+    elif known is not None and len(known) == outputs:
+        found = np.asarray(known, dtype=float)
+    elif isinstance(fit, Fit) and outputs == 1:
+        found = np.array([sqrt(fit.noise_variance)])
+    else:
         raise ModelError(
-            f"noise with a standard deviation of {found:g}; give a positive one, in the unit of the output",
+            f"the noise of {model.name} is not known; give its standard deviation in every output", arguments=("noise",)
+        )
+    if len(found) != outputs:
+        named = listed([name for name, _ in getattr(model, "output_channels", ())]) if outputs > 1 else "its output"
+        raise ModelError(
+            f"{len(found)} standard deviations for {named} of {model.name}; give one of each", arguments=("noise",)
+        )
+    if not (np.isfinite(found).all() and (found > 0).all()):
+        raise ModelError(
+            f"noise with a standard deviation of {found.min():g}; give a positive one, in the unit of the output",
             arguments=("noise",),
         )
-    return np.full(outputs, found)
+    return found
 
 
-def _named(fit: Fit[Any], asked: str) -> str:
-    """The full name of an estimated parameter, by its name, its end or its symbol."""
-    if asked in fit.names:
+def _named(known: Known, asked: str) -> str:
+    """The full name of a parameter that may be determined, by its name, its end or its symbol."""
+    if asked in known.names:
         return asked
-    ends = [name for name in fit.names if name.endswith((f"_{asked}", f".{asked}"))]
-    symbols = [row.name for row in fit.parameters.values() if row.symbol == asked and row.name in fit.names]
+    ends = [name for name in known.names if name.endswith((f"_{asked}", f".{asked}"))]
+    symbols = [row.name for row in known.rows.values() if row.symbol == asked and row.name in known.names]
     for some in (ends, symbols):
         if len(some) == 1:
             return some[0]
-    if asked in fit.parameters:
-        raise ModelError(f"{asked} is {fit.parameters[asked].how}, not estimated; name estimated parameters")
+    if asked in known.rows:
+        raise ModelError(f"{asked} is {known.rows[asked].how}, not estimated; name estimated parameters")
     which = f"several parameters {asked!r}" if ends else f"no estimated parameter {asked!r}"
-    raise ModelError(f"{fit.model_name} has {which}; it has {listed(list(ends or fit.names))}", arguments=("for",))
+    raise ModelError(f"{known.model.name} has {which}; it has {listed(list(ends or known.names))}", arguments=("for",))
 
 
 def _least(model: Any, limit: float) -> float:
@@ -220,7 +249,7 @@ def _least(model: Any, limit: float) -> float:
 
 def _predicted(name: str, of: Sensitivities, u: Array, wanted: Array, criterion: str) -> Prediction:
     information = of.information(u)
-    errors = relative_errors(information)
+    errors = errors_of(of.covariance_of_fit(u))
     unknown = errors > 10.0  # ten times the value: not determined
     half = np.where(unknown, inf, HALF_WIDTH * errors * of.scale)
     size = float(np.sqrt(CRITERIA[criterion](information, wanted)))
@@ -228,13 +257,20 @@ def _predicted(name: str, of: Sensitivities, u: Array, wanted: Array, criterion:
 
 
 def _standard(
-    of: Sensitivities, limits: Limits, samples: int, wanted: Array, criterion: str, seed: int
+    of: Sensitivities,
+    limits: Limits,
+    possible: Sequence[Any],
+    samples: int,
+    wanted: Array,
+    criterion: str,
+    seed: int,
 ) -> dict[str, Prediction]:
-    """The standard signals as large as the limits allow."""
+    """The standard signals as large as the limits allow; every input has one of its own."""
     found = {}
     for name in STANDARD:
-        signal = SIGNALS[name](samples, of.dt, limits.command, np.random.default_rng(seed))
-        fitting = limits.scaled(of.model, signal, of.dt)
+        seeds = range(seed, seed + of.inputs)
+        signals = [SIGNALS[name](samples, of.dt, limits.command, np.random.default_rng(each)) for each in seeds]
+        fitting = limits.scaled(possible, np.column_stack(signals), of.dt)
         if fitting is not None:
             found[name] = _predicted(name, of, fitting, wanted, criterion)
     return found
@@ -252,23 +288,50 @@ def _check_moves(of: Sensitivities, limits: Limits, standard: Mapping[str, Predi
 
 def _nothing(name: str, limits: Limits) -> DataError:
     given = {"command": limits.command, "slew rate": limits.slew, "speed": limits.speed, "travel": limits.travel}
+    given["current"] = limits.current
     named = ", ".join(f"{what} {value:g}" for what, value in given.items() if isfinite(value))
     return DataError(
         f"no signal within these limits ({named}) moves {name}; raise the limit that holds it",
-        arguments=("limit", *(("limit_speed",) if isfinite(limits.speed) else ())),
+        arguments=(
+            "limit",
+            *(("limit_speed",) if isfinite(limits.speed) else ()),
+            *(("limit_current",) if isfinite(limits.current) else ()),
+        ),
     )
 
 
-def _record(fit: Fit[Any], command: Array, dt: float) -> Record:
-    name, unit = fit.channels.inputs[0] if fit.channels is not None and fit.channels.inputs else ("voltage", "V")
-    return Record(command, dt=dt, input_names=(name,), input_units=(unit,), name="designed experiment")
+def _record(fit: Any, model: Any, command: Array, dt: float) -> Record:
+    channels = getattr(fit, "channels", None) if isinstance(fit, Fit) else None
+    given = channels.inputs if channels is not None and channels.inputs else (("voltage", "V"),)
+    names = getattr(getattr(model, "plant", None), "test_names", ("",))
+    if len(names) > 1:
+        given = tuple((name, given[0][1] if given[0][0] in names else "V") for name in names)
+    return Record(
+        command,
+        dt=dt,
+        input_names=tuple(name for name, _ in given[: len(names)]),
+        input_units=tuple(unit for _, unit in given[: len(names)]),
+        name="designed experiment",
+    )
 
 
-def _findings(fit: Fit[Any], best: Prediction, gain: float, apart: Inseparable | None) -> tuple[Finding, ...]:
-    found = []
+def _findings(known: Known, best: Prediction, gain: float, apart: Inseparable | None) -> tuple[Finding, ...]:
+    found, name = [], known.model.name
+    if known.open:
+        shares = {
+            each: best.half_widths[each] / abs(known.values[known.names.index(each)])
+            for each in known.open
+            if isfinite(best.half_widths[each])
+        }
+        left = [each for each in known.open if each not in shares]
+        data = {"names": list(shares), "shares": list(shares.values()), "left": left}
+        found.append(Finding("design-determines", name, data))
+    if known.ranges:
+        rows = [[each, low, high, known.unit(each)] for each, (low, high) in known.ranges.items()]
+        found.append(Finding("design-assumes", name, {"ranges": rows}))
     if gain == 1.0:
-        found.append(Finding("design-gains-nothing", fit.model_name, {"signal": best.name}))
+        found.append(Finding("design-gains-nothing", name, {"signal": best.name}))
     if apart is not None:
         data = {"names": list(apart.names), "directions": apart.directions, "remedies": list(apart.remedies)}
-        found.append(Finding("not-separable", fit.model_name, data))
+        found.append(Finding("not-separable", name, data))
     return tuple(found)

@@ -22,6 +22,7 @@ from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
+from emsid.first_look.brushless import LONGEST, Axes, axes, findings_about, fit_of, reading_of, shown_by
 from emsid.first_look.clock import Clock, contradiction, find_clock, stated_clock
 from emsid.first_look.columns import FEWEST_LEVELS, Column, Stretch, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, useless
@@ -32,7 +33,7 @@ from emsid.first_look.hanging import as_angle
 from emsid.first_look.kinds import FileKind, Kind, kind_of
 from emsid.first_look.levels import JUMP, MOST, PART, SAME, SAMPLES, UNSURE
 from emsid.first_look.masks import mask_of, masked_outliers, mends
-from emsid.first_look.names import ColumnQuantity, Meaning, meaning_of
+from emsid.first_look.names import ColumnQuantity, Meaning, meaning_of, units_of_device
 from emsid.first_look.responses import ANSWERED, SEEN, answers
 from emsid.first_look.roles import Roles, find_roles, with_responses
 from emsid.first_look.standstill import returns_to_zero
@@ -87,6 +88,7 @@ class FirstLook(Presented):
         roles: the guessed input and output.
         reading: arguments of `emsid.read`, given or guessed.
         mends: further arguments of `emsid.read`, which leave out or correct what findings say is wrong with the data.
+        fit: further arguments of `emsid.identify`: the model that the columns are of; empty for the usual ones.
         record: what these arguments read; None where they do not suffice.
         response: delay and sign of the response of the first output to the first input.
         findings: what was noticed.
@@ -107,6 +109,7 @@ class FirstLook(Presented):
     roles: Roles
     reading: Mapping[str, Any]
     mends: Mapping[str, Any] = field(default_factory=dict)
+    fit: Mapping[str, Any] = field(default_factory=dict)
     record: Record | None = None
     response: Response = field(default_factory=lambda: Response(None, 0, 0.0))
     findings: tuple[Finding, ...] = ()
@@ -146,7 +149,7 @@ class FirstLook(Presented):
     @property
     def read_as(self) -> str:
         """The same for files that are read alike."""
-        return repr(sorted(self.reading.items(), key=str))
+        return repr(sorted({**self.reading, **self.fit}.items(), key=str))
 
     @property
     def useless(self) -> frozenset[str]:
@@ -188,13 +191,20 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     raw = _on_one_clock(raw, reading.get("time") or "")
     rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
     columns = {name: _column(name, raw) for name in raw.series}
+    for name, unit in units_of_device([*columns]).items():
+        said = columns[name].meaning
+        columns[name] = replace(columns[name], meaning=replace(said, unit=said.unit or unit))
     looked_at = 0 if raw.excerpt is None else rows
     rows = rows if raw.excerpt is None else raw.excerpt.rows
     counted = {channel for name in columns for channel in sources(name, raw)}
     table = [column for column in columns.values() if column.rows == rows and column.name not in counted]
     stated = stated_clock(raw, file.name)
     clock = find_clock(table, stated, reading.get("time") or "")
-    known = (_bare([called.get(name, name) for name in names]) for names in given.values())
+    known = tuple(_bare([called.get(name, name) for name in names]) for names in given.values())
+    motor = axes(table) if not any(known) and clock.dt <= LONGEST else {}
+    if motor:
+        rotor = reading_of(motor)
+        known = (rotor["input"][-1], rotor["output"][-1])
     roles = find_roles(table, clock.column, *known)
     columns = _with_responses_to_codes(columns, roles)
     noticed: list[Finding] = [*missed]
@@ -203,11 +213,18 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         data = {"rows": rows, "columns": [roles.input, roles.output]}
         noticed.append(Finding("rows-of-messages", file.name, data))
     proposal = _proposal(raw, columns, clock, roles)
-    sign = None if "direction" in reading else sign_of_input(table, roles)
+    if motor:
+        proposal |= rotor
+    electrical = [name for name, unit in proposal["units"].items() if unit == "erpm"]
+    if electrical and not {*electrical} & {*reading.get("units", {})}:
+        pairs = reading.get("pole_pairs")
+        noticed.append(Finding("speed-electrical", electrical[0], {"pole_pairs": pairs}))
+        proposal["pole_pairs"] = pairs or 1
+    sign = None if motor or "direction" in reading else sign_of_input(table, roles)
     if sign is not None:
         noticed.append(sign)
         proposal["direction"] = {roles.input: sign.data["column"]} if "column" in sign.data else None
-    noticed += further_channels(table, roles, file.name)
+    noticed += [] if motor else further_channels(table, roles, file.name)
     look = FirstLook(
         str(file),
         rows,
@@ -231,6 +248,8 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         return replace(again, kind=what, findings=(*shown, *missed, *again.findings))
     if shown:
         return replace(look, kind=what, findings=tuple(shown))
+    if motor:
+        return _of_motor(look, parsed, noticed, motor)
     look = _with_hanging_angle(look, parsed, set(reading))
     noticed += _about_columns(look, set(reading))
     look = _with_record(look, parsed, noticed, set(reading))
@@ -319,6 +338,27 @@ def _with_record(look: FirstLook, parsed: ParsedFile, noticed: list[Finding], gi
     masked = () if "mask" in given else look.columns
     findings, further = mends(findings, masked, look.reading.get("mask", ""))
     return replace(look, mends=further, record=record, response=found, findings=tuple(findings))
+
+
+def _of_motor(look: FirstLook, parsed: ParsedFile, noticed: Sequence[Finding], motor: Axes) -> FirstLook:
+    """The look at a log of a brushless motor with its record, and what that can determine."""
+    fit = fit_of(motor, look.reading)
+    findings = [*noticed, *_about_clock(look.clock, look)]
+    try:
+        record = read(parsed, **look.reading)
+    except DataError as problem:
+        reason = str(problem).removeprefix(f"{look.path}: ")
+        failed = Finding("not-readable", look.name, {"reason": reason, "arguments": list(problem.arguments)})
+        return replace(look, findings=(*findings, failed))
+    shown = shown_by(record, fit)
+    findings = [*record.findings, *findings, *findings_about(look.name, motor, fit, shown)]
+    if shown is not None and not shown.moving:  # a speed that is noise would only say that the flux is zero
+        still = {
+            place: column for place, column in motor.items() if column.meaning.quantity is not ColumnQuantity.SPEED
+        }
+        look = replace(look, reading={**look.reading, **reading_of(still)})
+        record = read(parsed, **look.reading)
+    return replace(look, fit=fit, record=record, findings=tuple(findings))
 
 
 def _channels(look: FirstLook) -> tuple[Column | None, Column | None]:

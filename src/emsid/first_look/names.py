@@ -13,7 +13,7 @@ count of a VESC is whole, while a ``tachometer`` in volts is a speed.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -143,7 +143,7 @@ _SUFFIX = re.compile(
 )
 """The search goes from left to right, so that the longest unit is found."""
 _SUFFIXES = {"rads": "rad/s", "pct": "percent"}
-_UNIT_NAMES = {"rpm": "rpm", **CLOCK_NAMES}
+_UNIT_NAMES = {"rpm": "rpm", "erpm": "erpm", **CLOCK_NAMES}
 """Words of a name that say the unit."""
 _WORD = re.compile(r"[A-Z]+(?![a-zà-ÿ])|[A-ZÀ-Þ]?[a-zà-ÿ]+|[A-Z]+|[α-ωΑ-Ω]+")
 _COMPOUND = re.compile(
@@ -250,34 +250,21 @@ watt_hours_used         other      any
 watt_hours_charged      other      any
 input_voltage           other      any      VESC, the battery
 current_in              other      any      VESC, of the battery
-d_axis_current          other      any
-d_axis_voltage          other      any
 tacho_meters            position   any
 tacho_abs_meters        other      any
-vq                      voltage    any      VESC: of the q-axis, as in avg_vq and foc.vq
-avg_vq                  voltage    any
-vd                      other      any
-avg_vd                  other      any
-erpm                    speed      any      electrical: pole pairs times that of the shaft
+phase_vel               other      any      ODrive, electrical
 input_vel               reference  any      ODrive
 vel_estimate            speed      varied   rev/s
 pos_estimate            position   varied   rev
-v_current_control_integral_q voltage any
-v_current_control_integral_d other any
 input_pos               reference  any
 torque_setpoint         torque     any
-iq_setpoint             current    any
 vbus_voltage            other      any
 ibus                    other      any
 electrical_theta        other      any      moteus
-voltage.q               voltage    any      SimpleFOC
-voltage.d               other      any
-current.d               other      any
-voltage_d               other      any
-current_d               other      any
 electrical_angle        other      any
 goal_pwm                duty       any      Dynamixel
 goal_current            current    any
+iq_setpoint             current    any      ODrive
 present_load            other      any
 present_input_voltage   other      any
 bus_voltage             other      any      CAN
@@ -313,6 +300,84 @@ _UNITS = ("rev", "rev/s")
 ENTRIES = _entries()
 
 
+@dataclass(frozen=True)
+class AxisName:
+    """The name of a voltage or a current in the frame of a rotor.
+
+    Attributes:
+        quantity: voltage or current.
+        axis: ``d`` or ``q``.
+        setpoint: whether it is one that is wanted.
+        part: whether it is a part of the quantity, such as that of an integrator.
+        motor: the group or number of the motor that it is of; empty where names have none.
+    """
+
+    quantity: ColumnQuantity
+    axis: str
+    setpoint: bool
+    part: bool
+    motor: str
+
+
+_LETTERS = {"v": ColumnQuantity.VOLTAGE, "u": ColumnQuantity.VOLTAGE, "i": ColumnQuantity.CURRENT}
+_OF_AXES = {"voltage": "v", "voltagedq": "v", "volt": "v", "current": "i", "curr": "i", "amps": "i"} | {
+    letter: letter for letter in _LETTERS
+}
+_WANTED = frozenset(
+    ["setpoint", "set", "sp", "ref", "reference", "target", "cmd", "command", "commanded", "desired", "wanted"]
+)
+_PARTS = frozenset(("integral", "integrator", "error", "err", "norm"))
+
+
+_UNITS_OF_DEVICES: tuple[tuple[frozenset[str], dict[str, str]], ...] = (
+    (frozenset({"voltagedq_q", "vfoc_theta", "q_a"}), {"velocity": "rev/s", "position": "rev"}),  # moteus
+)
+"""Names of which a device writes at least one, and the units of others that it writes without one."""
+
+
+def units_of_device(names: Sequence[str]) -> dict[str, str]:
+    """The units of columns that the names beside them tell.
+
+    >>> units_of_device(["time", "VELOCITY", "VOLTAGEDQ_Q"]), units_of_device(["time", "velocity", "u"])
+    ({'VELOCITY': 'rev/s'}, {})
+    """
+    last = {name: re.split(r"[./]", name.lower())[-1] for name in names}
+    found = next((units for marks, units in _UNITS_OF_DEVICES if marks & set(last.values())), {})
+    return {name: found[bare] for name, bare in last.items() if bare in found}
+
+
+def is_setpoint(name: str) -> bool:
+    """Whether a name says that a value is wanted, not measured."""
+    return bool({*_words(without_unit(name)[0])} & _WANTED)
+
+
+def axis_of(name: str, unit: str = "") -> AxisName | None:
+    """What a name of a voltage or current of the d- or q-axis says; None for another name.
+
+    Two letters, ``Iq`` or ``vd``, say both. Else one word is the axis, and the first word of a quantity, or the unit,
+    says which of them it is.
+
+    >>> [(each.quantity.value, each.axis) for each in map(axis_of, ("axis0.motor.foc.Iq_measured", "VOLTAGEDQ_D"))]
+    [('current', 'q'), ('voltage', 'd')]
+    >>> axis_of("q"), axis_of("dq_1"), axis_of("i_q_ref").setpoint
+    (None, None, True)
+    """
+    bare, written = without_unit(name)
+    parts = re.split(r"[./]", bare)
+    words = _words(parts[-1] if len(parts[-1]) > 1 else ".".join(parts[-2:]))
+    both = next((word for word in words if re.fullmatch(r"[vui][dq]", word)), "")
+    axis = both[1:] or next((word for word in words if word in ("d", "q")), "")
+    letter = both[:1] or next((_OF_AXES[word] for word in words if word in _OF_AXES), "")
+    by_unit = next((q for q, units in _BY_UNIT if (unit or written) in units.split()), None)
+    quantity = _LETTERS.get(letter) or by_unit
+    if not axis or quantity is None or quantity not in _LETTERS.values() or by_unit not in (None, quantity):
+        return None
+    motor = re.search(r"(?:axis|motor|joint|odrv)_?\d+[._/]", bare)
+    return AxisName(
+        quantity, axis, bool({*words} & _WANTED), bool({*words} & _PARTS), bare[: motor.end()] if motor else ""
+    )
+
+
 def meaning_of(name: str, unit: str, values: Array) -> Meaning:
     """What the name, the unit and the numbers of a column say about it.
 
@@ -334,6 +399,13 @@ def meaning_of(name: str, unit: str, values: Array) -> Meaning:
     entry = next((ENTRIES[each] for each in (bare, re.split(r"[./]", bare)[-1]) if each in ENTRIES), None)
     if entry is not None and entry[1](known):
         return replace(said, quantity=entry[0], unit=said.unit or entry[2], confidence=CONFIDENCE)
+    of_axis = axis_of(name, said.unit)
+    if of_axis is not None:
+        wanted = of_axis.setpoint and of_axis.quantity is ColumnQuantity.CURRENT
+        other = ColumnQuantity.REFERENCE if wanted else ColumnQuantity.OTHER
+        return replace(
+            said, quantity=other if wanted or of_axis.axis == "d" else of_axis.quantity, confidence=CONFIDENCE
+        )
     if said.quantity is ColumnQuantity.TIME and said.unit == "us" and _are_pulses(known):
         return Meaning(ColumnQuantity.DUTY, "", CONFIDENCE, said.number)
     return said

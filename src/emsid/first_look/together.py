@@ -198,6 +198,11 @@ class Group:
         return reading
 
     @property
+    def fit(self) -> Mapping[str, Any]:
+        """The further arguments of `emsid.identify`."""
+        return self.looks[0].fit
+
+    @property
     def mends(self) -> dict[str, Any]:
         """The further arguments of `emsid.read` that any file needs, for all of them."""
         every = {name: value for look in self.looks for name, value in look.mends.items()}
@@ -377,6 +382,11 @@ class Hypothesis:
     looks: tuple[FirstLook, ...]
     reading: Mapping[str, Any]
     left: float
+
+    @property
+    def fit(self) -> Mapping[str, Any]:
+        """The further arguments of `emsid.identify`."""
+        return self.looks[0].fit
 
 
 def hypotheses(paths: Sequence[str | os.PathLike[str]], given: Mapping[str, Any]) -> tuple[list[Hypothesis], bool]:

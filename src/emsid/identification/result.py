@@ -172,6 +172,11 @@ class Identification(Presented):
             one_load, current = (any(f.data.get(key) for f in fit.findings) for key in ("one_load", "current_missing"))
             data = {"parameters": [row.name for row in fit.assumed], "current": current}
             measure = (Finding("next-measure", fit.model.name, data),) if fit.assumed else ()
+            tests: dict[str, list[str]] = {}
+            for code, names in ((code, names) for f in fit.findings for code, names in f.data.get("tests", {}).items()):
+                tests.setdefault(code, []).extend(names)
+            if tests:
+                return (*measure, Finding("next-test", fit.model.name, {"tests": tests}))
             return (*measure, experiment(verdict, self.record, self.unseen, seen=self.seen, one_load=one_load))
 
         return (why, *self._part("what to measure next", what, nothing))

@@ -397,6 +397,7 @@ class FitData(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     dependent: int = 0
     table: tuple[Row, ...] = ()
     findings: tuple[Found, ...] = ()
+    output_noise: list[Number] = msgspec.field(default_factory=list)
 
 
 def fit_data(fit: Fit[Any]) -> FitData:
@@ -417,6 +418,7 @@ def fit_data(fit: Fit[Any]) -> FitData:
         dependent=int(fit.dependent),
         table=tuple(_row(row) for row in fit.table),
         findings=tuple(_finding(finding) for finding in fit.findings if _fits(finding)),
+        output_noise=[] if fit.output_noise is None else _written(fit.output_noise.tolist()),
     )
 
 
@@ -452,6 +454,7 @@ def fit_of(model: Model, data: FitData, channels: ChannelNames | None) -> Fit[An
         dependent=data.dependent,
         table=_with_assumptions([_estimate(row) for row in data.table]),
         channels=channels,
+        output_noise=_numbers(data.output_noise) if data.output_noise else None,
     )
 
 

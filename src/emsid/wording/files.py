@@ -7,6 +7,7 @@ from shlex import quote
 from emsid.findings import Finding
 from emsid.wording.catalogue import Severity, Spelling, sentences, words
 from emsid.wording.lists import duration, listed, sample_time, shortened
+from emsid.wording.plants import tests_in_words
 
 sentences(
     __name__,
@@ -55,6 +56,15 @@ command-before-its-row info: {output} reacts to {subject} one row too early; che
 sign-lost warning: {subject} is never negative, and {output} goes both ways; give the column with the sign by
     {argument[direction]} {candidates:?{subject:assign {candidates[0]}} ({candidates:list} may be it)|{subject:assign
     …}} # Subject: the input. Data: output, candidates (columns of two values).
+brushless-columns info: {subject}: {voltages:list} and {currents:list} are of a brushless motor in the frame of its
+    rotor{speed:?{rests:?; {speed} is noise, and left out|, and {speed} is its speed}}; the model is brushless
+    # Subject: the file. Data: voltages, currents, speed (columns; speed may be empty), rests (whether the rotor does).
+pole-pairs-open warning: {subject}: the number of pole pairs is not given, and {usual:g} is assumed: give it
+    ({argument[fixed]} pole_pairs=…), as flux and inertia depend on it # Subject: the file. Data: usual.
+speed-electrical warning: {subject} is electrical: {argument[units]} {subject:assign erpm} {argument[pole_pairs]}
+    {pole_pairs:None=>N gives the speed of the shaft; with 1, inertia and friction are divided by N²|{pole_pairs:g}
+    gives the speed of the shaft}
+    # Subject: the column. Data: pole_pairs (None where not given).
 unit-not-used info: the unit {unit} of {subject} is not used, as the column is neither input nor output; these are
     {channels:list} # Subject: the column. Data: unit, channels.
 difference-of-position info: {subject} is the change of {position} per row; with an encoder, give {argument[units]}
@@ -181,6 +191,22 @@ def position_differentiated(f: Finding, argument: Spelling) -> str:
         f"{f.subject} {why}; d({f.subject}) is proposed, and {argument('output')} {quote(f.subject)} gives a model of "
         "the position"
     )
+
+
+@words("record-determines")
+def record_determines(f: Finding, argument: Spelling) -> str:
+    """Subject: the record. Data: turns (whether the rotor moves), currents (axes on which one flows), known, unknown
+    (parameters), ratios (those of the unknown of which a combination is known), tests (which of them each shows)."""
+    d = f.data
+    flows = {0: "no current", 1: f"current on the {''.join(d['currents'])}-axis"}
+    turns = "the rotor turns" if d["turns"] else "the rotor rests"
+    record = f"{turns}, {flows.get(len(d['currents']), 'currents on both axes')}"
+    if not d["unknown"]:
+        return f"{record}: all parameters of a brushless motor can be determined"
+    known = f"{listed(d['known'])} can be determined" if d["known"] else "nothing can be determined"
+    ratios = f", {listed(d['ratios'])} as ratios" if d["ratios"] else ""
+    tests = f"; {tests_in_words(d['tests'], every=False)}" if d["tests"] else f"; not {listed(d['unknown'])}"
+    return f"{record}: {known}{ratios}{tests}"
 
 
 @words("further-channels")

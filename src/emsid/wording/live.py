@@ -50,9 +50,23 @@ fleet-too-short info: {periods} periods are too few to say which motor has chang
 not-separable warning: {names:list} cannot be separated by any input at one load; {remedies:?record {remedies:or
     {0:current=>the current|inertia=>a second inertia that is known}}|fix {directions} of them ({argument[fixed]})}
     # Subject: the model. Data: names, directions, remedies (of ``current`` and ``inertia``).
+design-assumes warning: nothing has determined {ranges:list {0}}: the limits hold for {ranges:list {1:.3g} to
+    {2:.3g[3]}}
+    # Subject: the model. Data: ranges (name, ends and unit).
 design-gains-nothing info: nothing is gained by a design of its own: {signal} is as good within these limits
 """,
 )
+
+
+@words("design-determines")
+def design_determines(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: names (of parameters that were not known), shares (half widths of their intervals over
+    their values), left (those that the signal does not determine)."""
+    pairs = zip(f.data["names"], f.data["shares"], strict=True)
+    known = [f"{name} ± {100 * share:.2g} %" for name, share in pairs]
+    said = [f"{listed(known)} become known, in 95 % intervals that hold if the model is exact"] if known else []
+    left = [f"the signal does not determine {listed(f.data['left'])}"] if f.data["left"] else []
+    return "; ".join([*said, *left])
 
 
 def _duration(seconds: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from emsid.errors import listed
@@ -53,9 +54,6 @@ nothing-identifiable problem: from {channels:list} alone, no parameter of {subje
 kept-by-response warning: the response does not determine {parameters:list}; kept at {kept:commas {0} = {1:.4g[2]}}; fix
     what you know ({argument[fixed]}), or measure another output
     # Data: parameters, and the values that were kept with their units.
-intervals-include-zero warning: the 95 % {parameters:interval/intervals} of {parameters:list}
-    {parameters:includes/include} zero{without:?; without {without:or} the model fits as well}; give what you know
-    ({argument[fixed]}) # Data: parameters, without (those of them without which a refit is as good).
 damping-open info: {subject} is not determined; the intervals of {parameters:list} include 0 to {most:.2g[unit]} of it;
     give it if you know it ({argument[fixed]} {subject}=…)
     # Subject: viscous friction. Data: parameters (whose intervals include it), most, unit.
@@ -206,6 +204,20 @@ def not_identifiable(f: Finding, argument: Spelling) -> str:
     return f"only {only} of {shortened(names)} can be identified; {_advice(f, argument)}"
 
 
+@words("intervals-include-zero", Severity.WARNING)
+def intervals_include_zero(f: Finding, argument: Spelling) -> str:
+    """Data: parameters, without (those of them without which a refit is as good), tests (which of them each shows)."""
+    names, without = f.data["parameters"], f.data["without"]
+    said = f"the 95 % interval{'s' * (len(names) > 1)} of {listed(names)} include{'s' * (len(names) == 1)} zero"
+    without_them = f"; without {' or '.join(without)} the model fits as well" if without else ""
+    tests = f.data.get("tests")
+    return f"{said}{without_them}; {tests_in_words(tests, every=False) if tests else _give(argument)}"
+
+
+def _give(argument: Spelling) -> str:
+    return f"give what you know ({argument('fixed')})"
+
+
 @words("weakly-identified", Severity.WARNING)
 def weakly_identified(f: Finding, argument: Spelling) -> str:
     names = f.data["parameters"]
@@ -269,7 +281,31 @@ def interval(ends: tuple[float, float], unit: str) -> str:
     return "unbounded" if not isfinite(high) else f"{with_unit(f'{high:.6g}', unit)} or less, without a lower limit"
 
 
+TESTS = {
+    "d-axis": "steps on the d-axis",
+    "q-axis": "steps on the q-axis that turn the rotor",
+    "both-axes": "steps on both axes that turn the rotor",
+}
+"""Tests by the codes of `Plant.tests`."""
+
+
+def tests_in_words(tests: Mapping[str, Sequence[str]], every: bool) -> str:
+    """Which test shows which parameters: *x: y*; the parameters are not named where one test shows all.
+
+    Args:
+        tests: parameters by the code of a test.
+        every: whether the tests show all parameters that the sentence is about.
+    """
+    if every and len(tests) == 1:
+        return f"{TESTS[next(iter(tests))]} show {'them' if len(next(iter(tests.values()))) > 1 else 'it'}"
+    return ", ".join(f"{TESTS[code]} show {listed(list(names))}" for code, names in tests.items())
+
+
 def _advice(f: Finding, argument: Spelling) -> str:
+    tests = f.data.get("tests", {})
+    if tests:
+        every = set(f.data["parameters"]) == {name for names in tests.values() for name in names}
+        return f"{tests_in_words(tests, every)}; or {_give(argument)}"
     measured = ", or measure the current" if f.data["current_missing"] else ""
     both_ways = "drive it in both directions, " if f.data.get("one_way") else ""
     zone = f"{SHOW_ZONE}, " if f.data.get("zone_unseen") else ""

@@ -8,6 +8,7 @@ from typing import Any
 from emsid.findings import Finding
 from emsid.wording.catalogue import CATALOGUE, Severity, Spelling, as_python, filled, rows, sentences, words
 from emsid.wording.lists import listed
+from emsid.wording.plants import tests_in_words
 
 sentences(
     __name__,
@@ -216,6 +217,12 @@ def next_experiment(f: Finding, argument: Spelling) -> str:
     sentence = filled(_EXPERIMENTS[f.data["kind"]], f.data)
     then = {"other-input": f" ({argument('unseen')})", "in-use": " (emsid validate)"}.get(f.data["kind"], "")
     return f"Next experiment: {sentence}{then}"
+
+
+@words("next-test")
+def next_test(f: Finding, argument: Spelling) -> str:
+    """Subject: the model. Data: tests (what each shows of the parameters that the data do not determine)."""
+    return f"Next experiment: {tests_in_words(f.data['tests'], every=False)}; emsid design makes its signal"
 
 
 @words("residual-independent-of-input")

@@ -242,6 +242,30 @@ class Brushless(Plant):
         """The names of its inputs, in order."""
         return (*INPUTS[self.inputs], *[ANGLE] * self.placed, *[TEMPERATURE] * self.warmed)
 
+    @property
+    def tests(self) -> Mapping[str, tuple[str, ...]]:
+        """Steps on the d-axis leave the rotor at rest; those on the q-axis turn it."""
+        return {"d-axis": ("v_d",), "q-axis": ("v_q",), "both-axes": ("v_d", "v_q")}
+
+    @property
+    def test_names(self) -> tuple[str, ...]:
+        """Both voltages."""
+        return INPUTS["dq"]
+
+    @property
+    def of_current(self) -> tuple[str, ...]:
+        """What drops a voltage along a current."""
+        return ("resistance", "inductance_d", "inductance_q", "dead_time_voltage")
+
+    @property
+    def open_circuit(self) -> Mapping[str, float]:
+        """A resistance of 1 MΩ: a microampere for a volt."""
+        return {"resistance": 1e6}
+
+    def for_test(self) -> Self:
+        """With both voltages; its angle is that of the model, and the winding as warm as at its start."""
+        return replace(self, inputs="dq", placed=False, warmed=False)
+
     def signal_of(self, name: str, unit: str) -> Signal:
         """A current with a d before any q in its name is that of the d-axis."""
         if unit != "A":

@@ -38,6 +38,11 @@ class Signal(Enum):
     Q_CURRENT = "q-axis current"
 
 
+CURRENTS = (Signal.CURRENT, Signal.D_CURRENT, Signal.Q_CURRENT)
+DISSIPATED = (Measure.FORCE, Measure.DAMPING, Measure.QUADRATIC)
+"""What a plant loses by friction and damping."""
+
+
 class Handle(NamedTuple):
     """A parameter of a plant: its meaning, its paths and its bounds.
 

@@ -273,6 +273,30 @@ class Plant(ABC):
         return iter(())
 
     @property
+    def tests(self) -> Mapping[str, tuple[str, ...]]:
+        """Tests that show what a record does not: by code the inputs that they step, the simplest first; none."""
+        return {}
+
+    @property
+    def test_names(self) -> tuple[str, ...]:
+        """The names of the inputs that a test chooses; one, which has the name that a record gives it."""
+        return ("",)
+
+    @property
+    def of_current(self) -> tuple[str, ...]:
+        """Parameters that have no effect where no current flows; none."""
+        return ()
+
+    @property
+    def open_circuit(self) -> Mapping[str, float]:
+        """Values with which no current flows; none."""
+        return {}
+
+    def for_test(self) -> Self:
+        """The plant with the inputs of a test; the same."""
+        return self
+
+    @property
     def absent(self) -> tuple[str, ...]:
         """Parameters of parts that this plant does not have; none."""
         return ()

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.fit import Ending, Fit
@@ -35,6 +36,8 @@ from emsid.models.plants.search.slow_noise import slow_noise
 from emsid.models.plants.search.task import Task
 from emsid.models.plants.search.trusted_length import trusted_length
 from emsid.models.plants.search.unlogged_input import Unlogged, unlogged_input
+
+Array = NDArray[np.float64]
 
 SEARCHES = "searches-agreeing"
 """The code of the finding that says how many searches ended at a minimum."""
@@ -92,10 +95,11 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
     fit = estimated.fit(GreyBox(found, task.signals), tuple(names), "gn")
     return _with_bounds_profiled(
         GreyBoxFit(
-            **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in ("findings", "iterations", "table")},
+            **{f: getattr(fit, f) for f in Fit.__dataclass_fields__ if f not in OWN},
             iterations=steps,
             findings=findings,
             table=rows,
+            output_noise=_left(problem),
             combinations=together,
             identifiability=identifiability,
             segments=task.segments,
@@ -109,6 +113,17 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
         ),
         task.control,
     )
+
+
+OWN = ("findings", "iterations", "table", "output_noise")
+"""What a fit of a plant has of its own."""
+
+
+def _left(problem: FreeRunError) -> Array:
+    """(ny,) the standard deviation of the error of every output, in its unit."""
+    outputs = len(problem.signals)
+    errors = np.hstack([each.reshape(outputs, -1) for each in problem.residuals(problem.start)])
+    return np.asarray(np.std(errors, axis=1) * problem.output_scale)
 
 
 def searches_agreeing(model: str, cost: float, ends: Sequence[float], compared: int = 1) -> Finding:

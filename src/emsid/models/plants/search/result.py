@@ -24,10 +24,11 @@ from emsid.models.plants.free_run_error import Weighting, all_alike
 from emsid.models.plants.gravity import STRENGTH
 from emsid.models.plants.grey_box import GreyBox
 from emsid.models.plants.initial_state import InitialState
-from emsid.models.plants.parameters import Signal
+from emsid.models.plants.parameters import CURRENTS, Signal
 from emsid.models.plants.plant import Plant, Quantity
 from emsid.models.plants.search.between_samples import holds_in
 from emsid.models.plants.search.conditions import TOLERABLE, Conditions, is_built_in, unasked
+from emsid.models.plants.search.next_test import shown_by_tests
 from emsid.models.plants.search.task import Task
 from emsid.models.visited import RestsOn, Visited
 from emsid.plant import GaussianStribeck
@@ -202,16 +203,19 @@ def findings_of(
         {"name": row.name, "value": row.value, "unit": row.unit} for row in rows if row.status is Status.BUILT_IN
     ]
     kept = [Finding("built-in-values-kept", plant.name, {"parameters": built_in})] if built_in else []
-    zero = (
-        [Finding("intervals-include-zero", plant.name, {"parameters": including_zero, "without": []})]
-        if including_zero
-        else []
-    )
+    left = [name for name in task.asked if name not in names]
+    open_ = list(dict.fromkeys([*(name for group in groups for name in group), *left, *including_zero]))
+    tests = shown_by_tests(task, plant, names, identifiability, open_)
+    zero = []
+    if including_zero:
+        shown = _of_group(tests, including_zero)
+        data = {"parameters": including_zero, "without": [], **({"tests": shown} if shown else {})}
+        zero = [Finding("intervals-include-zero", plant.name, data)]
     return (
         *ended,
         *kept,
         *_as_simulated(task, plant),
-        *_not_identifiable(task, plant, names, identifiability, together),
+        *_not_identifiable(task, plant, names, identifiability, together, tests),
         *unseen,
         *plant.of_record(0).remarks(task.segments, task.signals),
         *zero,
@@ -244,7 +248,12 @@ def _as_simulated(task: Task, plant: Plant) -> list[Finding]:
 
 
 def _not_identifiable(
-    task: Task, plant: Plant, names: Sequence[str], identifiability: Identifiability, together: Sequence[Combination]
+    task: Task,
+    plant: Plant,
+    names: Sequence[str],
+    identifiability: Identifiability,
+    together: Sequence[Combination],
+    tests: Mapping[str, Sequence[str]],
 ) -> list[Finding]:
     """Every group of parameters that the records do not identify, and how it was treated."""
     source = "" if plant.channels is None else plant.channels.source
@@ -252,7 +261,10 @@ def _not_identifiable(
     if not names:
         return [Finding("nothing-identifiable", plant.name, {"channels": channels})]
     found = []
-    for group in identifiability.groups:
+    groups = list(identifiability.groups)
+    alone = [name for name in task.asked if name not in names and not any(name in group for group in groups)]
+    groups += [tuple(alone)] if alone and plant.tests else []  # kept by the search, and of little effect at its end
+    for group in groups:
         kept = [[n, plant.value(n), plant.handles[n].parameter.unit] for n in group if n not in names]
         formulas = [each.quantity.formula for each in together if len(set(each.parameters) & set(group)) > 1]
         data = {
@@ -260,13 +272,19 @@ def _not_identifiable(
             "kept": kept,
             "combinations": list(dict.fromkeys(formulas))[:4],
             "channels": channels,
-            "current_missing": source == "voltage" and Signal.CURRENT not in task.signals,
+            "current_missing": source == "voltage" and not {*CURRENTS} & {*task.signals},
             "one_way": _is_one_way(task),
             "zone_unseen": _is_zone_unseen(group),
+            "tests": _of_group(tests, group),
             "one_load": not STRENGTH.isdisjoint(group) and _has_one_load(task, plant),
         }
         found.append(Finding("not-identifiable" if kept else "weakly-identified", plant.name, data))
     return found
+
+
+def _of_group(tests: Mapping[str, Sequence[str]], group: Sequence[str]) -> dict[str, list[str]]:
+    """What tests show of a group of parameters, without those that show nothing of it."""
+    return {code: some for code, shown in tests.items() if (some := [name for name in group if name in shown])}
 
 
 def _is_zone_unseen(group: Sequence[str]) -> bool:

@@ -13,6 +13,7 @@ import pytest
 import emsid
 from emsid.errors import DataError, ModelError
 from emsid.exports.firmware import crossover
+from emsid.models.plants.park import transformed
 from emsid.plants import Brushless, Harmonic, Hold, Signal
 from independent.switched_drive import NONE, Drive, Log, driven, logged
 from model_examples import DT
@@ -198,10 +199,54 @@ def test_phases_become_axes_in_the_convention_that_is_said_and_another_one_is_no
     turned = emsid.plants.park(phases(log, offset=0.1), {"i": ("ia", "ib", "ic")}, "theta", 7, offset=0.7)
     assert turned.output[:, :2] == pytest.approx(found.output[:, :2], abs=1e-9)
     for wrong, how in ((phases(log), {"electrical": True}), (phases(log, sign=-1.0), {})):
-        with pytest.raises(DataError, match="counts backward" if not how else "one that is mechanical"):
+        with pytest.raises(DataError, match="7 times" + " backward" * (not how)):
             emsid.plants.park(wrong, {"i": ("ia", "ib", "ic")}, "theta", 7, **how)
     with pytest.raises(DataError, match="no channel 'ix'"):
         emsid.plants.park(record, {"i": ("ia", "ix")}, "theta", 7)
+
+
+def checked(pairs: int, seed: int, given: int, letter: str, seconds: float = 0.6, **how: float) -> bool | None:
+    """Whether a number of pole pairs passes the check of a drive that turns: None where the data do not show it."""
+    rng = np.random.default_rng(seed)
+    drive = DRIVE._replace(pairs=float(pairs), flux=0.035 / pairs, inertia=8e-5 * rng.uniform(0.5, 3.0), **how)
+    n = round(seconds / drive.period)
+    top = 60.0 * rng.choice([-1.0, 1.0])
+    speed = np.repeat(rng.uniform(0.3, 1.0, 6) * top, -(-n // 6))[:n] if seconds > 0.1 else np.zeros(n)
+    log = logged(drive, np.zeros(n), np.zeros(n), speed, seed, added=0.2)
+    at = pairs * log.angle[:, None] - 2 * np.pi / 3 * np.arange(3)
+    measured = {
+        "i": np.column_stack([log.i_a, log.i_b]),
+        "v": log.v_d[:, None] * np.cos(at) - log.v_q[:, None] * np.sin(at),
+    }
+    try:
+        return not transformed("log", {letter: measured[letter]}, log.angle, given)[2] or None
+    except DataError:
+        return False
+
+
+@pytest.mark.parametrize("pairs", [1, 2, 3, 4, 5, 7, 8, 11, 14, 20])
+def test_wrong_pole_pairs_are_noticed_and_right_ones_never_refused(pairs: int) -> None:
+    assert all(checked(pairs, 40 + pairs, pairs, letter) is not False for letter in "iv")
+    assert checked(pairs, 40 + pairs, pairs, "v") is True
+    for wrong in (pairs + 1, pairs - 1 or 3, 2 * pairs):
+        assert checked(pairs, 40 + pairs, wrong, "v") is False
+
+
+def test_pole_pairs_are_not_refused_by_the_torque_of_gravity() -> None:
+    for n in (1, 2, 5):
+        weight = ((float(n), 0.08, 0.05),)  # five times friction
+        assert checked(5, n, 5, "i", 1.5, cogging=weight) is not False
+        assert checked(5, n, 5, "v", 1.5, cogging=weight) is True
+        assert checked(5, n, 6, "v", 1.5, cogging=weight) is False
+
+
+def test_at_standstill_pole_pairs_are_not_checked_and_that_is_said() -> None:
+    assert checked(7, 3, 6, "v", 0.1) is None
+    n = 500
+    record = phases(logged(DRIVE, np.full(n, 4.0), np.full(n, 3.0), np.full(n, np.nan), 0, locked=True))
+    (found,) = emsid.plants.park(record, {"i": ("ia", "ib", "ic")}, "theta", 6).findings
+    assert (found.code, found.data["given"]) == ("axes-unchecked", 6)
+    assert found.data["turns"] < 0.01
 
 
 def test_phases_of_a_file_become_columns_of_the_axes(tmp_path: Path) -> None:
@@ -222,7 +267,7 @@ def test_phases_of_a_file_become_columns_of_the_axes(tmp_path: Path) -> None:
     assert np.ptp(record.input[:, 2] - log.angle) < 1e-9
     assert (record.input_units, record.output_units) == (("V", "V", "rad"), ("A", "A", "rad/s"))
     wrong: tuple[tuple[dict[str, object], str], ...] = (
-        ({"pole_pairs": 7, "electrical_angle": True}, "one that is mechanical"),
+        ({"pole_pairs": 7, "electrical_angle": True}, "7 times in a turn of the angle, not 1 time"),
         ({}, "number of pole pairs"),
         ({"pole_pairs": 7, "phases": {"v": "va"}}, "two or three columns"),
         ({"pole_pairs": 7, "rotor_angle": "nothing"}, "nothing"),

@@ -221,6 +221,7 @@ EXAMPLES: tuple[Finding, ...] = (
         Finding("sample-time-contradicted", "log.dat", {"dt": 0.01, "said": 0.002, "source": source})
         for source in ("preamble", "fs")
     ),
+    Finding("axes-unchecked", "log.csv", {"turns": 0.04, "given": 7}),
     Finding("sample-time-implausible", "log.csv", {"dt": 10.048}),
     Finding("sample-time-implausible", "log.csv", {"dt": 1e-8}),
     *(

@@ -30,7 +30,7 @@ from emsid.report.numbers import estimate, first_up, number, slug
 from emsid.units import plain_unit
 from emsid.wording import Severity, Spelling, as_python, sentence, severity
 from emsid.wording.lists import listed, shortened
-from emsid.wording.live import FACTORS
+from emsid.wording.live import EFFECTS, FACTORS
 
 MARK = "*"
 """Behind the names of parameters that depend on assumed values."""
@@ -94,9 +94,8 @@ def fleet_report(result: Fleet, source: str, argument: Spelling = as_python) -> 
 def _named(result: Fleet) -> str:
     """The motors that differ or have changed, with the parameters in which they do; nothing where it was not tested."""
     parts, explained = [], {(each.motor, name) for each in result.causes for name in each.parameters}
-    plural = {"differs from the others": "differ from the others", "has changed": "have changed"}
     named: tuple[Sequence[Outlier | Change], ...] = result.outliers, result.changes
-    for found, (what, tested) in zip(named, result.tested.items(), strict=True):
+    for found, (effect, tested) in zip(named, result.tested.items(), strict=True):
         of: dict[str, list[str]] = {}
         for cause in result.causes if found is result.outliers else ():
             of[cause.motor] = [FACTORS[cause.causes[0]]]
@@ -105,7 +104,8 @@ def _named(result: Fleet) -> str:
                 of.setdefault(each.motor, []).append(each.parameter)
         names = shortened([f"{motor} ({listed(parameters)})" for motor, parameters in of.items()])
         if of or tested:
-            parts.append(f"{names} {plural[what] if len(of) > 1 else what}" if of else f"no motor {what}")
+            one, several = EFFECTS[effect]
+            parts.append(f"{names} {several if len(of) > 1 else one}" if of else f"no motor {one}")
     return f"{first_up('; '.join(parts) or 'no motors were compared')}."
 
 

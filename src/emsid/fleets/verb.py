@@ -111,8 +111,8 @@ class Fleet:
 
     @cached_property
     def tested(self) -> dict[str, bool]:
-        """Whether there were enough motors to say which differ, and enough periods to say which have changed."""
-        return {"differs from the others": bool(self.ordinary), "has changed": bool(long_enough(self.series))}
+        """Whether enough motors say which is ``different``, and enough periods which has ``changed``."""
+        return {"different": bool(self.ordinary), "changed": bool(long_enough(self.series))}
 
     @property
     def failed(self) -> list[FleetRow]:
@@ -362,7 +362,7 @@ def findings_of(result: Fleet, asked: int) -> list[Finding]:
     if motors < FEWEST_MOTORS:
         found.append(Finding("fleet-too-small", data={"motors": motors, "least": FEWEST_MOTORS}))
     periods = len({row.period for row in result.rows if not row.reason})
-    if periods > 1 and not result.tested["has changed"]:
+    if periods > 1 and not result.tested["changed"]:
         found.append(Finding("fleet-too-short", data={"periods": periods, "least": FEWEST_PERIODS}))
     if result.assuming:
         names = list(dict.fromkeys(name for each in result.assuming.values() for name in each))

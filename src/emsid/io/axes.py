@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from emsid.errors import DataError
+from emsid.findings import Finding
 from emsid.io.columns import Columns, as_numbers
 from emsid.io.selection import check_column
 from emsid.models.plants.park import transformed
@@ -30,8 +31,8 @@ def with_axes(
     power_invariant: bool,
     units: Mapping[str, str],
     label: str,
-) -> Columns:
-    """The columns of a file with those of the axes.
+) -> tuple[Columns, list[Finding]]:
+    """The columns of a file with those of the axes, and a finding where these data cannot check the convention.
 
     Args:
         columns: of the file.
@@ -45,12 +46,12 @@ def with_axes(
 
     Raises:
         DataError: for phases without an angle or pole pairs, names that the file has already or does not have, and
-            a convention beside which another one fits much better.
+            a convention that the phases contradict.
     """
     import polars as pl
 
     if not phases:
-        return columns
+        return columns, []
     if angle is None or pole_pairs is None or pole_pairs != round(pole_pairs) or pole_pairs < 1:
         raise DataError(
             "phases need the column of the rotor's angle and the number of pole pairs, at least 1",
@@ -75,7 +76,7 @@ def with_axes(
     known = np.isfinite(np.column_stack([theta, *values.values()])).all(axis=1)
     if np.count_nonzero(known) < 2:
         raise DataError("phases and angle have no rows in common", arguments=("phases",))
-    found, shaft = transformed(
+    found, shaft, notes = transformed(
         label, {letter: each[known] for letter, each in values.items()}, theta[known], int(pole_pairs),
         electrical=electrical, power_invariant=power_invariant,
     )  # fmt: skip
@@ -90,4 +91,4 @@ def with_axes(
         for axis, part in zip("dq", both.T, strict=True):
             add(f"{letter}_{axis}", part, units.get(names[letter][0], "") or columns.unit(names[letter][0]))
     add(ROTOR, shaft, "rad")
-    return replace(columns, series=series, units=given)
+    return replace(columns, series=series, units=given), notes

@@ -296,7 +296,7 @@ def read(
         argument_types.check_types(given, _KINDS)
         columns, missed = with_edges(parsed.columns, (*_as_tuple(input), *_as_tuple(output)))
         turned = pole_pairs, electrical_angle, power_invariant
-        columns = with_axes(columns, phases or {}, rotor_angle, *turned, units or {}, file.name)
+        columns, unchecked = with_axes(columns, phases or {}, rotor_angle, *turned, units or {}, file.name)
         parsed = replace(parsed, columns=columns)
         named = with_names_of(parsed.columns, {name: given[name] for name in ("input", "output", "time", *_BY_COLUMN)})
     if named["time"] in (named["units"] or {}) and named["time"] not in (*_as_tuple(input), *_as_tuple(output)):
@@ -327,7 +327,12 @@ def read(
                 "pwm_full_scale": pwm_full_scale,
             },
         )
-        found = (*missed, *about_files(parsed.columns, columns, (*inputs, *outputs), file.name), *record.findings)
+        found = (
+            *missed,
+            *unchecked,
+            *about_files(parsed.columns, columns, (*inputs, *outputs), file.name),
+            *record.findings,
+        )
         record = prepared(replace(record, findings=found), filter, decimate, detrend)
         return record if columns.excerpt is None else _of_blocks(record, columns, file, given, bool(rename))
 

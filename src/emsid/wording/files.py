@@ -21,6 +21,9 @@ sample-time-of-file warning: {subject}: {column} says {dt:duration} between rows
 rows-skipped warning: {subject}: {count} of {rows:,} rows {count:was/were} skipped, because a column in use has no
     number there; {count:it/the first} is row {line}{text:? ({text!r})}
     # Subject: the record. Data: count, rows, line, text (of the first; may be empty), messages.
+axes-unchecked warning: {subject}: {given} electrical {given:turn/turns} in a turn of the angle {given:is/are} not
+    checked: the rotor moves over {turns:.2g} turns; record a few turns under load
+    # Subject: the record. Data: turns (of the angle, from its least to its largest value), given.
 clock-reset info: {subject}: {column} begins again {count:1=>once|{count} times}, first in row {line}; each part is a
     segment of its own # Subject: the record. Data: count, column, line (row of the file with the first).
 data-detrended info: {subject}: {order:0=>the mean|1=>a line in time|a polynomial in time of order {order}} of every

@@ -95,6 +95,11 @@ def differs_from_fleet(f: Finding, argument: Spelling) -> str:
     )
 
 
+EFFECTS = {
+    "different": ("differs from the others", "differ from the others"),
+    "changed": ("has changed", "have changed"),
+}
+"""What a fleet is tested for (`emsid.fleets.Fleet.tested`), of one motor and of several."""
 FACTORS = {
     "torque": "ratio of resistance to torque constant",
     "angle": "gear or encoder count",

@@ -121,6 +121,7 @@ def _print(result: "Fleet") -> None:
     """How many rows there are, the motors that are named, and why others have no model."""
     from emsid.fleets.spread import reasons
     from emsid.wording import sentence
+    from emsid.wording.live import EFFECTS
 
     good = len(result.rows) - len(result.failed)
     say(f"{len({row.motor for row in result.rows}):,} motors, {len(result.rows):,} rows, {good:,} with a model")
@@ -128,7 +129,7 @@ def _print(result: "Fleet") -> None:
     say(*(f"- {sentence(finding, option)}" for finding in single[:MOST_SHOWN]))
     if len(single) > MOST_SHOWN:
         say(f"- in the report: {len(single) - MOST_SHOWN} more such findings")
-    if not single and (tested := [what for what, was in result.tested.items() if was]):
+    if not single and (tested := [EFFECTS[effect][0] for effect, was in result.tested.items() if was]):
         say(f"- no motor {' or '.join(tested)}")
     say(*(f"- {sentence(finding, option)}" for finding in result.findings if not finding.subject))
     for rows in reasons(result.rows).values():

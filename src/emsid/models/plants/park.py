@@ -6,8 +6,16 @@ r"""Park's transformation: voltages and currents of three phases in the frame of
 With the factor 2/3 the amplitude stays that of a phase; with √(2/3) the power does (`power_invariant`), and numbers of
 both axes are larger by √(3/2). The plants have amplitudes, so a log with power-invariant axes is divided by √(3/2).
 
-In the right frame the axes change as slowly as the speed. In a wrong one – the angle is electrical and taken for a
-mechanical one, counts backward, or the other way round – they turn, so that little is left of their means over a turn.
+The convention is checked against the data. In the right frame the axes follow from the motion: the voltage against ω,
+by the flux, the current with the torque, of friction and of dω/dt. With the space vector s of the phases less its mean,
+means over windows of a 16th of a turn are regressed,
+
+    mean(s·e^(−jkθ)) = c_k·ω + e_k·dω/dt,      k = ±1, ±2, …,
+
+and the power that this explains is largest for the number k of electrical turns in a turn of the angle: in another
+frame the axes turn by k − k' for every turn of θ, and add up to little. A torque by the angle, as of gravity, has power
+at both sides of k alike; so another number is right only where it explains much more than that on the other side.
+Frames that turn against each other by less than a turn in the whole record are too alike to be told apart.
 
 References:
     Park, AIEE Transactions 48 (1929). IEC 60050-411 on the axes.
@@ -15,7 +23,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import pi, sqrt
 from typing import Any
@@ -24,12 +32,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import DataError, listed
+from emsid.findings import Finding
 from emsid.record import Record
 
 Array = NDArray[np.float64]
 
-MORE = 4.0
-"""A convention is wrong where the means over a turn keep this many times as much of the mean square in another one."""
+MOST_TURNS = 40
+"""Electrical turns in a turn of the angle that are tried, in both directions; motors with more pole pairs are rare."""
+WINDOWS = 16
+"""Windows in a turn; of 4 to 16 these show the right number most clearly, of more the noise of an encoder is seen."""
+ROWS = 100_000
+"""Samples that are used, spread evenly over the record."""
+CLEARER = 2.0
+"""A number is wrong where another one explains this many times its power: no false alarm in 248 simulated logs of
+at least half a turn."""
+CHANCE = 15.0
+"""The power of a number is no chance above so many times the median. For noise, the power of two regressors has a
+χ²-distribution with four degrees of freedom; one of 80 such numbers is above it once in 3·10⁷ records."""
 
 
 def park(
@@ -57,7 +76,7 @@ def park(
 
     Raises:
         DataError: for unknown names, phases on different sides of the record, or another convention that the
-            currents fit much better.
+            phases show clearly.
     """
     names = (*record.input_names, *record.output_names)
     whole = np.column_stack([record.input, record.output])
@@ -65,7 +84,7 @@ def park(
     missing = [name for name in wanted if name not in names]
     if missing:
         raise DataError(f"{record.name}: no channel {missing[0]!r}; there are {listed(names)}")
-    found_axes, shaft = transformed(
+    found_axes, shaft, notes = transformed(
         record.name,
         {letter: whole[:, [names.index(each) for each in some]] for letter, some in phases.items()},
         whole[:, names.index(angle)], pole_pairs,
@@ -91,7 +110,7 @@ def park(
             f"{side}_names": tuple(each[0] for each in found),
             f"{side}_units": tuple(each[1] for each in found),
         }
-    return replace(record, **sides, signals={})
+    return replace(record, **sides, signals={}, findings=(*record.findings, *notes))
 
 
 def transformed(
@@ -103,8 +122,10 @@ def transformed(
     electrical: bool = False,
     offset: float = 0.0,
     power_invariant: bool = False,
-) -> tuple[dict[str, Array], Array]:
+) -> tuple[dict[str, Array], Array, list[Finding]]:
     """(N, 2) d- and q-axis of some phases (N, 2 or 3), by letter, and the angle (N,) of the shaft without wraps.
+
+    The third is a finding where the data are not sufficient to check the convention.
 
     Args:
         label: of the record, for messages.
@@ -113,15 +134,15 @@ def transformed(
         pole_pairs, electrical, offset, power_invariant: as for `park`.
 
     Raises:
-        DataError: where another convention fits much better.
+        DataError: where the phases turn another number of times, or in the other direction.
     """
     whole: Array = np.asarray(np.unwrap(theta), dtype=np.float64)
     measured = {letter: _three(values) for letter, values in phases.items()}
-    _check(label, measured, whole, pole_pairs, electrical, offset)
+    notes = _check(label, measured, whole, 1 if electrical else pole_pairs)
     phase = whole * (1 if electrical else pole_pairs) - offset
     scale = sqrt(3 / 2) if power_invariant else 1.0
     found = {letter: axes(values, phase) * scale for letter, values in measured.items()}
-    return found, whole / (pole_pairs if electrical else 1)
+    return found, whole / (pole_pairs if electrical else 1), notes
 
 
 def axes(abc: Array, phase: Array) -> Array:
@@ -134,27 +155,53 @@ def _three(values: Array) -> Array:
     return values if values.shape[1] == 3 else np.column_stack([values, -values.sum(axis=1)])
 
 
-def _check(
-    label: str, measured: Mapping[str, Array], theta: Array, pairs: int, electrical: bool, offset: float
-) -> None:
-    """Refuse a convention whose axes turn, where those of another one do not."""
-    ways = {"electrical": 1.0, "mechanical": float(pairs)}
-    ways |= {f"{way} and counts backward": -factor for way, factor in ways.items()}
-    given = "electrical" if electrical else "mechanical"
-    turned = np.sqrt(np.mean(np.diff(theta) ** 2)) * (pairs - 1)  # of a wrong frame against the right one
-    samples = int(np.clip(np.ceil(2 * pi / max(turned, 1e-12)), 2, max(len(theta) // 4, 2)))
-    whole = len(theta) // samples * samples
+def _check(label: str, measured: Mapping[str, Array], theta: Array, given: int) -> list[Finding]:
+    """Refuse a number of electrical turns in a turn of the angle where the phases show another one."""
+    checked = False
     for letter, abc in measured.items():
-        kept = {}
-        for way, factor in ways.items():
-            found = axes(abc, theta * factor - offset)[:whole]
-            means = found.reshape(-1, samples, 2).mean(axis=1)
-            kept[way] = float(np.mean(means**2) / max(np.mean(found**2), 1e-300))
-        best = max(kept, key=lambda way: kept[way])
-        if pairs > 1 and kept[best] > MORE * kept[given]:
+        explained = _explained(abc, theta)
+        if explained is None:
+            continue
+        turns = float(np.ptp(theta)) / (2 * pi)
+        tried = [k for k in range(-MOST_TURNS, MOST_TURNS + 1) if k and abs(k - given) * turns >= 1.0]
+        powers = {k: explained(k) for k in {*tried, given}}
+        best, floor = max(powers, key=lambda k: powers[k]), CHANCE * float(np.median(list(powers.values())))
+        if powers[best] <= floor:
+            continue
+        checked |= best == given
+        if powers[best] > CLEARER * max(powers[given], explained(2 * given - best)):
+            times = f"{abs(best)} times{' backward' * (best < 0)}"
             raise DataError(
-                f"{label}: in the frame of an angle that is {given}, means over {samples} samples keep "
-                f"{100 * kept[given]:.3g} % of the power of {letter}; of one that is {best}, {100 * kept[best]:.3g} %; "
-                "correct the angle, or say which it is",
-                arguments=("electrical_angle", "pole_pairs"),
+                f"{label}: the phases of {letter} turn {times} in a turn of the angle, not {given} "
+                f"{'time' if given == 1 else 'times'}: motion explains {100 * powers[best]:.3g} % of their power, not "
+                f"{100 * powers[given]:.2g} %; correct the pole pairs, or the kind and direction of the angle",
+                arguments=("pole_pairs", "electrical_angle"),
             )
+    if checked or not measured:
+        return []
+    return [Finding("axes-unchecked", label, {"turns": float(np.ptp(theta)) / (2 * pi), "given": given})]
+
+
+def _explained(abc: Array, theta: Array) -> Callable[[int], float] | None:
+    """The part of the power of phases that the motion explains, by the electrical turns in a turn of the angle.
+
+    None where the rotor hardly moves, or the phases are constant.
+    """
+    step = -(-len(theta) // ROWS)
+    theta, vector = theta[::step], (abc @ np.exp(2j * pi / 3 * np.arange(3)))[::step]
+    vector = vector - vector.mean()  # offsets of the sensors
+    power = float(np.sum(np.abs(vector) ** 2))
+    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(theta)))])
+    first = np.flatnonzero(np.diff(np.floor(path * (WINDOWS / (2 * pi))), prepend=-1.0))
+    if len(first) < 3 or power == 0.0:
+        return None
+    samples = np.diff(first, append=len(theta))
+    speed = np.diff(theta[np.append(first, len(theta) - 1)]) / samples
+    motion = np.column_stack([speed, np.gradient(speed, first + samples / 2)])
+    directions = np.linalg.qr(motion * np.sqrt(samples)[:, None])[0]
+
+    def explained(turns: int) -> float:
+        sums = np.add.reduceat(vector * np.exp(-1j * turns * theta), first) / np.sqrt(samples)
+        return float(np.sum(np.abs(directions.T @ sums) ** 2) / power)
+
+    return explained

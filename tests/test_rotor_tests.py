@@ -153,6 +153,15 @@ def test_a_plant_by_its_name_needs_a_datasheet(run) -> None:
     assert err == "emsid: brushless has no estimates; give a file of a fit, or a datasheet (--datasheet)\n"
 
 
+def test_a_design_from_a_datasheet_needs_the_pole_pairs(run, tmp_path: Path) -> None:
+    sheet = tmp_path / "motor.toml"
+    values = "resistance = 0.12\ninductance_d = 1e-4\ninductance_q = 1.3e-4\nflux = 0.005\ninertia = 1e-5\n"
+    sheet.write_text(f"[brushless]\n{values}dead_time_voltage = 0.1\n")
+    status, _, err = run("design", "brushless", "--datasheet", sheet, "--limit", "4V", "--duration", "0.25")
+    assert status == 2
+    assert err == "emsid: pole_pairs of brushless is not in the datasheet (--datasheet)\n"
+
+
 def test_open_parameters_without_values_are_refused(fit: emsid.Fit) -> None:
     with pytest.raises(emsid.ModelError, match="flux and inertia of brushless are not known"):
         emsid.design(fit, duration=0.25, dt=1e-4, **LIMITS)
@@ -276,6 +285,25 @@ def test_the_log_of_a_firmware_becomes_voltages_currents_and_speed_in_si_units(
         assert known.record is not None
         assert known.record.output[:, 2] == pytest.approx(spinning.speed, rel=1e-6, abs=1e-4)
         assert known.fit["fixed"] == {"pole_pairs": "7"}
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mrad/s", 1e3), ("krpm", 60e-3 / (2 * np.pi)), ("turn/s", 0.5 / np.pi)])
+def test_a_speed_in_a_scaled_unit_is_converted(unit: str, factor: float, spinning: Log, tmp_path: Path) -> None:
+    table = columns("simplefoc", spinning)
+    table[f"shaft_velocity [{unit}]"] = factor * table.pop("shaft_velocity")
+    found = describe(written(tmp_path / "log.csv", table))
+    assert found.record is not None
+    assert found.record.output_units[2] == "rad/s"
+    assert found.record.output[:, 2] == pytest.approx(spinning.speed, rel=1e-6, abs=1e-4)
+
+
+def test_a_unit_that_is_not_known_is_said_and_no_other_one_taken(spinning: Log, tmp_path: Path) -> None:
+    table = columns("simplefoc", spinning)
+    name = "shaft_velocity [furlong/s]"
+    table[name] = table.pop("shaft_velocity")
+    found = describe(written(tmp_path / "log.csv", table))
+    assert name not in found.reading["units"]
+    assert [each.subject for each in found.findings if each.code == "unit-unknown"] == [name]
 
 
 def test_the_command_that_is_proposed_finds_the_motor(spinning: Log, tmp_path: Path, run) -> None:

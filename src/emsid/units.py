@@ -33,8 +33,8 @@ _WORDS_OF_POWERS = re.compile(r"\b(squared|cubed|square|cubic|sq)\b")
 
 
 _LOGGED = (
-    "s ms us ns min h Hz kHz V mV A mA W pwm % percent rad/s deg/s rpm erpm rev/s rad deg rev count count/s "
-    "count/sample m mm m/s mm/s rad/s^2 m/s^2 N N*m mN*m kg degC"
+    "s ms us ns min h Hz kHz V mV A mA W pwm % percent rad/s mrad/s deg/s rpm krpm erpm rev/s rad mrad deg rev count "
+    "count/s count/sample m mm m/s mm/s rad/s^2 m/s^2 N N*m mN*m kg degC"
 )
 _SPELLINGS = {unit.lower(): unit for unit in (*(si for si in SI if si != "1"), *_LOGGED.split())} | {
     "-": "1",
@@ -65,6 +65,7 @@ _SPELLINGS = {unit.lower(): unit for unit in (*(si for si in SI if si != "1"), *
     "m/s²": "m/s^2",
     "turn": "rev",
     "turns": "rev",
+    "turn/s": "rev/s",
     "turns/s": "rev/s",
     "counts": "count",
     "ticks": "count",

@@ -200,6 +200,7 @@ EXAMPLES: tuple[Finding, ...] = (
         {"turns": True, "currents": ["d"], "known": ["flux"], "unknown": [], "ratios": [], "tests": {}},
     ),
     Finding("delay-ambiguous", "y", {"input": "u", "period": 22, "time": 1.1}),
+    Finding("unit-unknown", "velocity [furlong/s]", {"unit": "furlong/s"}),
     Finding("unit-not-used", "current", {"unit": "A", "channels": ["u", "y"]}),
     *(
         Finding(

@@ -143,13 +143,20 @@ def known_before(fit: Any, datasheet: Mapping[str, Any] | None, limits: Limits, 
     )
 
 
-def named(name: str) -> GreyBox:
+def named(name: str, datasheet: Mapping[str, Any]) -> GreyBox:
     """A plant by its name, all currents and the speed of which are measured.
 
     Args:
         name: of the registry.
+        datasheet: must have what is counted.
+
+    Raises:
+        ModelError: where it does not.
     """
     plant = PLANTS[name].plain
+    without = [each for each in plant.counted if each not in as_datasheet(plant, datasheet)]
+    if without:
+        raise ModelError(f"{listed(without)} of {name} is not in the datasheet", arguments=("datasheet",))
     channels = plant.channels
     units = {} if channels is None else channels.units
     signals = tuple(signal for signal in units if signal in (*CURRENTS, Signal.SPEED))

@@ -20,7 +20,7 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.findings import Finding
 from emsid.first_look.columns import Column
-from emsid.first_look.names import ColumnQuantity, axis_of, is_setpoint
+from emsid.first_look.names import ColumnQuantity, axis_of, is_setpoint, unknown_unit
 from emsid.models.plants.brushless import Brushless
 from emsid.models.plants.parameters import Signal
 from emsid.models.verbs import Shown, determined_by
@@ -61,10 +61,14 @@ def axes(columns: Sequence[Column]) -> Axes:
 
 
 def reading_of(found: Axes) -> dict[str, Any]:
-    """Input, output and units, as arguments of `emsid.read`."""
+    """Input, output and units, as arguments of `emsid.read`; a column in a unit that is not known has none."""
     voltages = [found[_VOLTAGE, axis] for axis in "dq" if (_VOLTAGE, axis) in found]
     rest = [found[place] for place in ((_CURRENT, "d"), (_CURRENT, "q"), (_SPEED, "")) if place in found]
-    units = {column.name: column.meaning.unit or UNITS[quantity] for (quantity, _), column in found.items()}
+    units = {
+        column.name: column.meaning.unit or UNITS[quantity]
+        for (quantity, _), column in found.items()
+        if column.meaning.unit or not unknown_unit(column.name)
+    }
     return {"input": [each.name for each in voltages], "output": [each.name for each in rest], "units": units}
 
 
@@ -91,14 +95,16 @@ def findings_about(file: str, found: Axes, fit: Mapping[str, Any], shown: Shown 
     rests = bool(speed) and shown is not None and not shown.moving
     data = {"voltages": voltages, "currents": currents, "speed": speed, "rests": rests}
     noticed = [Finding("brushless-columns", file, data)]
+    named = [(column.name, unknown_unit(column.name)) for column in found.values() if not column.meaning.unit]
+    noticed += [Finding("unit-unknown", name, {"unit": unit}) for name, unit in named if unit]
     if not fit.get("fixed"):
         noticed.append(Finding("pole-pairs-open", file, {"usual": Brushless().pole_pairs}))
     if shown is None:
         return noticed
-    named = {Signal.D_CURRENT: "d", Signal.Q_CURRENT: "q"}
+    axis = {Signal.D_CURRENT: "d", Signal.Q_CURRENT: "q"}
     data = {
         "turns": shown.moving,
-        "currents": [named[signal] for signal in shown.flowing],
+        "currents": [axis[signal] for signal in shown.flowing],
         "known": list(shown.known),
         "unknown": list(shown.unknown),
         "ratios": list(shown.ratios),

@@ -122,8 +122,8 @@ _BY_UNIT: tuple[tuple[ColumnQuantity, str], ...] = (
     (ColumnQuantity.VOLTAGE, "V mV"),
     (ColumnQuantity.DUTY, "pwm % percent"),
     (ColumnQuantity.CURRENT, "A mA"),
-    (ColumnQuantity.SPEED, "rad/s deg/s rpm rev/s m/s mm/s count/s count/sample"),
-    (ColumnQuantity.POSITION, "rad deg rev m mm count"),
+    (ColumnQuantity.SPEED, "rad/s mrad/s deg/s rpm krpm rev/s m/s mm/s count/s count/sample"),
+    (ColumnQuantity.POSITION, "rad mrad deg rev m mm count"),
     (ColumnQuantity.ACCELERATION, "rad/s^2 m/s^2"),
     (ColumnQuantity.TORQUE, "N*m mN*m"),
     (ColumnQuantity.FORCE, "N"),
@@ -229,6 +229,16 @@ def without_unit(name: str) -> tuple[str, str]:
     if suffix:
         return name[: suffix.start()], known_unit(_SUFFIXES.get(suffix[1]) or _spelt(suffix[1]))
     return name, ""
+
+
+def unknown_unit(name: str) -> str:
+    """What a name has in brackets at its end, where that looks like a unit that is not known; else empty.
+
+    >>> unknown_unit("speed [furlong/s]"), unknown_unit("speed [rpm]"), unknown_unit("speed(2)")
+    ('furlong/s', '', '')
+    """
+    found = None if edges_of(name) else BRACKETED.search(name)
+    return found[1] if found and re.search("[^\\W\\d]", found[1]) and not unit_in_name(found[1]) else ""
 
 
 Array = NDArray[np.float64]

@@ -68,6 +68,8 @@ speed-electrical warning: {subject} is electrical: {argument[units]} {subject:as
     {pole_pairs:None=>N gives the speed of the shaft; with 1, inertia and friction are divided by N²|{pole_pairs:g}
     gives the speed of the shaft}
     # Subject: the column. Data: pole_pairs (None where not given).
+unit-unknown warning: the unit {unit} of {subject} is not known; {argument[units]} {subject:assign …} gives one, and
+    without it the values are not converted # Subject: the column. Data: unit.
 unit-not-used info: the unit {unit} of {subject} is not used, as the column is neither input nor output; these are
     {channels:list} # Subject: the column. Data: unit, channels.
 difference-of-position info: {subject} is the change of {position} per row; with an encoder, give {argument[units]}

@@ -90,7 +90,7 @@ def design(
     if str(model) in PLANTS and not model.exists():
         if sheet is None:
             raise DataError(f"{model} has no estimates; give a file of a fit, or a datasheet", arguments=("datasheet",))
-        loaded, source = named(str(model)), None
+        loaded, source = named(str(model), sheet), None
     else:
         loaded, source = load(model), origin(model)
     if dt is None and as_model(loaded).dt is None and source is not None:

@@ -262,6 +262,11 @@ class Brushless(Plant):
         """A resistance of 1 MΩ: a microampere for a volt."""
         return {"resistance": 1e6}
 
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """The pole pairs, which flux and inertia are proportional to."""
+        return ("pole_pairs",)
+
     def for_test(self) -> Self:
         """With both voltages; its angle is that of the model, and the winding as warm as at its start."""
         return replace(self, inputs="dq", placed=False, warmed=False)

@@ -292,6 +292,11 @@ class Plant(ABC):
         """Values with which no current flows; none."""
         return {}
 
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """Parameters that no record shows and a user counts, which a design without a fit needs; none."""
+        return ()
+
     def for_test(self) -> Self:
         """The plant with the inputs of a test; the same."""
         return self

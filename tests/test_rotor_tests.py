@@ -17,7 +17,7 @@ import pytest
 
 import emsid
 from emsid.first_look import FirstLook, describe
-from emsid.models.plants.search.next_test import determined_by
+from emsid.models.plants.search.missing_tests import determined_by
 from independent.switched_drive import Drive, Log, driven, logged
 
 DRIVE = Drive(switched=False)

@@ -7,7 +7,7 @@ measured value is preferred to a setpoint; a setpoint of a current is none, whil
 Where the speed is electrical, it is that of a motor with one pole pair, whose inertia and friction are those of the
 shaft over the square of the number of pole pairs; its other constants are the same.
 
-What the record can determine comes from the derivatives of the model (`emsid.models.plants.search.next_test`).
+What the record can determine comes from the derivatives of the model (`emsid.models.plants.search.missing_tests`).
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ from emsid.models.plants.parameters import Signal
 from emsid.models.plants.plant import Plant
 from emsid.models.plants.search.choice import choose
 from emsid.models.plants.search.estimation import simulation_error
-from emsid.models.plants.search.next_test import Shown as Shown
-from emsid.models.plants.search.next_test import determined_by as determined_by
+from emsid.models.plants.search.missing_tests import Shown as Shown
+from emsid.models.plants.search.missing_tests import determined_by as determined_by
 from emsid.models.plants.search.parts import with_parts
 from emsid.models.plants.search.response_fit import fit_to_responses
 from emsid.plant import Motor

@@ -56,14 +56,14 @@ def compensate(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Write the inverse of a model in C: dead zone, friction, torque ripple.
+    """Write a model's inverse: dead zone, friction, ripple.
 
-    Of a plant of one mass it writes the inverse of the dead zone, the friction for a reference speed, and the command
-    that leads from one reference speed to the next, beside the C of the model; of a cascade, the inverse of its static
-    map; of a brushless motor the q-current against cogging and ripple, and its table over the angle as CSV and for
-    ODrive. Friction and dead zone are those at the lower ends of their intervals. A position loop then runs on a bench
-    with and without it, with friction and dead zone as identified and 30 % off: hold, reversal, step and sine. A page
-    shows the runs and the inverse.
+    Of a plant of one mass it writes, in C, the inverse of the dead zone, the friction for a reference speed, and the
+    command that leads from one reference speed to the next, beside the C of the model; of a cascade, the inverse of
+    its static map; of a brushless motor the q-current against cogging and ripple, and its table over the angle as CSV
+    and for ODrive. Friction and dead zone are those at the lower ends of their intervals. A position loop then runs on
+    a bench with and without it, with friction and dead zone as identified and 30 % off: hold, reversal, step and sine.
+    A page shows the runs and the inverse.
 
     \b
     Examples:

@@ -28,7 +28,7 @@ from emsid.models.plants.parameters import CURRENTS, Signal
 from emsid.models.plants.plant import Plant, Quantity
 from emsid.models.plants.search.between_samples import holds_in
 from emsid.models.plants.search.conditions import TOLERABLE, Conditions, is_built_in, unasked
-from emsid.models.plants.search.next_test import shown_by_tests
+from emsid.models.plants.search.missing_tests import shown_by_tests
 from emsid.models.plants.search.task import Task
 from emsid.models.visited import RestsOn, Visited
 from emsid.plant import GaussianStribeck

@@ -125,20 +125,13 @@ def friction_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> C
     Raises:
         ModelError: for a plant whose friction or motion is not known, or a fit from a file, which has no records.
     """
-    declared = fit.model.plant.friction_characteristic()
-    if declared is None:
+    if fit.model.plant.friction_characteristic() is None:
         raise ModelError(f"{fit.model.name} declares no friction")
     _check_records(fit)
     speeds = np.concatenate([_speeds(fit, k) for k in range(len(fit.segments))])
     reach = float(np.max(np.abs(speeds))) or 1.0
     x = np.linspace(-reach, reach, points)
-
-    def law(plant: Plant) -> Array:
-        friction = plant.friction_characteristic()
-        assert friction is not None
-        return friction.law(x)
-
-    return _with_band(fit, x, law, speeds[speeds != 0], level, declared)
+    return _with_band(fit, x, lambda each: each.friction_characteristic(), speeds[speeds != 0], level)
 
 
 def _check_records(fit: GreyBoxFit) -> None:
@@ -163,19 +156,13 @@ def dead_zone_curve(fit: GreyBoxFit, points: int = 201, level: float = 0.95) -> 
         ModelError: for a fit from a file, which has no records.
     """
     plant = fit.model.plant
-    declared = plant.dead_zone_characteristic()
-    if declared is None or not isinstance(plant, DrivenPlant):
+    if plant.dead_zone_characteristic() is None or not isinstance(plant, DrivenPlant):
         return None
     _check_records(fit)
     applied = np.concatenate([plant.drive.applied(s.input)[0] for s in fit.segments])
     reach = float(np.max(np.abs(applied))) or 1.0
     x = np.linspace(-reach, reach, points)
-
-    def through(p: Plant) -> Array:
-        zone = p.dead_zone_characteristic()
-        return x if zone is None else zone.law(x)
-
-    return _with_band(fit, x, through, applied, level, declared)
+    return _with_band(fit, x, lambda each: each.dead_zone_characteristic(), applied, level, absent=x)
 
 
 def cogging_curve(fit: GreyBoxFit, points: int = 721, level: float = 0.95) -> Curve | None:
@@ -189,23 +176,18 @@ def cogging_curve(fit: GreyBoxFit, points: int = 721, level: float = 0.95) -> Cu
     Raises:
         ModelError: for a fit from a file, which has no records.
     """
-    declared = fit.model.plant.cogging_characteristic()
-    if declared is None:
+    plant = fit.model.plant
+    if plant.cogging_characteristic() is None:
         return None
     _check_records(fit)
     x = np.linspace(0.0, 2 * np.pi, points)
-
-    def law(plant: Plant) -> Array:
-        cogging = plant.cogging_characteristic()
-        assert cogging is not None
-        return cogging.law(x)
-
     angles = [
         plant.for_segment(each).simulate(each.input, each.dt, state, (Signal.POSITION,))[:, 0]
-        for plant in [fit.model.plant]
         for each, state in zip(fit.segments, fit.states, strict=True)
     ]
-    return _with_band(fit, x, law, np.mod(np.concatenate(angles), 2 * np.pi), level, declared)
+    return _with_band(
+        fit, x, lambda each: each.cogging_characteristic(), np.mod(np.concatenate(angles), 2 * np.pi), level
+    )
 
 
 def stops(fit: GreyBoxFit) -> tuple[Stop, ...]:
@@ -350,10 +332,22 @@ def _speeds(fit: GreyBoxFit, segment: int) -> Array:
 
 
 def _with_band(
-    fit: GreyBoxFit, x: Array, law: Callable[[Plant], Array], seen: Array, level: float, declared: StaticCharacteristic
+    fit: GreyBoxFit,
+    x: Array,
+    of: Callable[[Plant], StaticCharacteristic | None],
+    seen: Array,
+    level: float,
+    absent: Array | float = 0.0,
 ) -> Curve:
+    """The characteristic that the plant of a fit has, over x; one without it has ``absent`` there."""
+
+    def law(plant: Plant) -> Array:
+        found = of(plant)
+        return np.full(x.shape, absent) if found is None else found.law(x)
+
     plant = fit.model.plant
-    y = law(plant)
+    declared, y = of(plant), law(plant)
+    assert declared is not None
     slopes = np.zeros((len(fit.names), len(x)))
     for k, name in enumerate(fit.names):
         value = plant.value(name)

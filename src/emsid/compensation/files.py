@@ -90,7 +90,8 @@ q_current = NAME_current(wanted, d_current, angle);
 Without these functions, the rows of `NAME_ripple.csv` do the same with a table: multiply the q-current of the
 controller by `factor` of the part of the turn in which the angle is, and add `q_current`.
 
-The angle counts from the same place as in the log; an incremental encoder needs its index for that.
+The angle counts from the same place as in the log; an incremental encoder needs its index for that. In single
+precision keep it within a turn: a harmonic multiplies the rounding of a large angle.
 
 The current loop must follow the q-current: harmonic n changes at n·ω rad/s at the speed ω. A loop with a bandwidth of B
 rad/s leaves n·ω/√(B² + (n·ω)²) of it. Ripple becomes four times smaller up to about ω = B/(4·n); beyond ω = B/n little

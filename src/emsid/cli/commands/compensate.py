@@ -22,7 +22,11 @@ def compensate(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")],
     dt: Annotated[
         float | None,
-        typer.Option(metavar="S", parser=sample_time, help="Sample time of the controller.  [default: of the record]"),
+        typer.Option(
+            metavar="S",
+            parser=sample_time,
+            help="Sample time of the controller.  [default: of the record; a plant saved without one needs it]",
+        ),
     ] = None,
     encoder: Encoder = None,
     smooth: Annotated[
@@ -59,11 +63,12 @@ def compensate(
     """Write a model's inverse: dead zone, friction, ripple.
 
     Of a plant of one mass it writes, in C, the inverse of the dead zone, the friction for a reference speed, and the
-    command that leads from one reference speed to the next, beside the C of the model; of a cascade, the inverse of
-    its static map; of a brushless motor the q-current against cogging and ripple, and its table over the angle as CSV
-    and for ODrive. Friction and dead zone are those at the lower ends of their intervals. A position loop then runs on
-    a bench with and without it, with friction and dead zone as identified and 30 % off: hold, reversal, step and sine.
-    A page shows the runs and the inverse.
+    command that leads from one reference speed to the next, beside the C of the model. Friction and dead zone are
+    those at the lower ends of their intervals. A position loop then runs on a bench with and without it, with friction
+    and dead zone as identified and 30 % off: hold, reversal, step and sine.
+    Of a cascade it writes the inverse of its static map; of a brushless motor the q-current against cogging and ripple,
+    and its table over the angle as CSV and for ODrive. Neither has a bench, or options of encoder and smoothing.
+    A page shows the inverse, and the runs.
 
     \b
     Examples:
@@ -77,6 +82,7 @@ def compensate(
     from emsid.compensation.inverse import has_harmonics
     from emsid.controllers.files import bench_lines
     from emsid.controllers.verb import compensated
+    from emsid.errors import ModelError
     from emsid.exports.verb import check_stable
     from emsid.io import load, origin
     from emsid.models.verbs import as_model
@@ -92,7 +98,11 @@ def compensate(
     bench: ControlBench | None = None
     lines = list[str]()
     if dt is None or hasattr(subject, "blocks") or has_harmonics(subject):
-        found = invert(loaded, dt=dt, encoder=encoder, zone_width=smooth, speed_width=smooth_speed)
+        found = invert(loaded, dt=dt)
+        options = {"encoder": encoder, "smooth": smooth, "smooth_speed": smooth_speed, "limit": limit}
+        if given := [key for key, value in (options | {"amplitude": amplitude}).items() if value is not None]:
+            reason = f"the inverse of {subject.name} has no jumps to smooth and no bench; leave these out"
+            raise ModelError(reason, arguments=given)
         check_stable(subject, dt)
     else:
         found, bench = compensated(

@@ -45,7 +45,7 @@ def harmonics(plant: Brushless) -> dict[tuple[str, int], complex]:
 def found_in(drive: Drive, seeds: Sequence[int]) -> Brushless:
     """The plant that a search ends in which begins with the true constants of a drive, without its harmonics."""
     records = [turned(drive, seed).record() for seed in seeds]
-    begun = replace(plant_of(drive), cogging=(), torque_ripple=())
+    begun = replace(plant_of(drive), cogging=(), torque_ripple=(), heating=0.0)
     plant = extended(*searched(begun, records, find_start=False, max_iterations=6))[2].problem.plant
     assert isinstance(plant, Brushless)
     return plant
@@ -212,6 +212,18 @@ def test_the_command_refuses_a_motor_without_an_inverse(
     assert status == 2
     assert reason in said
     assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_refuses_options_of_a_bench_for_a_ripple(
+    tmp_path: Path, run: Callable[..., tuple[int, str, str]]
+) -> None:
+    emsid.save(MODEL, tmp_path / "m.json")
+    command = "compensate", tmp_path / "m.json", "--out", tmp_path / "out"
+    status, _, said = run(*command, "--dt", "100us", "--encoder", "2000", "--limit", "12V")
+    assert status == 2
+    assert "leave these out (--encoder, --limit)" in said
+    assert "give dt (--dt)" in run(*command)[2]
     assert not (tmp_path / "out").exists()
 
 

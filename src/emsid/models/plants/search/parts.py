@@ -36,9 +36,9 @@ from emsid.models.plants.plant import Part, Plant
 from emsid.models.plants.search import continuation
 from emsid.models.plants.search.conclusion import concluded
 from emsid.models.plants.search.continuation import Reached
-from emsid.models.plants.search.estimation import searched
+from emsid.models.plants.search.estimation import begun_again, searched
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.plants.search.rising import with_heating
+from emsid.models.plants.search.rising import MOST, with_heating
 from emsid.models.plants.search.scored import score_at
 from emsid.models.plants.search.task import Task
 from emsid.models.search.driver import climb
@@ -51,8 +51,8 @@ Array = NDArray[np.float64]
 AS_LARGE = 0.1
 """A move adds no part that promises less than this part of what its best one does: the effect of a large one is not
 linear, and beside it the score promises small ones that are not there."""
-STEPS, ENDED = 4, 60
-"""The steps of a search of a trial, and those of the last one, where it did not end before."""
+STEPS = 4
+"""The steps of the search of a trial."""
 CHUNK = 32
 """Parts whose derivatives are computed together, and of which the best are compared: 150 MB for 100,000 samples of
 three outputs."""
@@ -107,8 +107,8 @@ def extended(task: Task, start: Plant, reached: Reached) -> tuple[Task, Plant, R
     task, start = family.with_parts(best.parts)
     reached = best.reached
     if best.parts and reached.minimum.ending is Ending.OUT_OF_BUDGET:
-        reached = continuation.search(task, reached.problem.plant, ENDED, reached.states)
-    return task, start, reached
+        reached = continuation.search(task, reached.problem.plant, MOST, reached.states)
+    return task, start, begun_again(task, reached, MOST) if best.parts else reached
 
 
 class _Parts:

@@ -18,9 +18,6 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from emsid.compensation.inverse import SERIES, Compensation, inductance_of
 from emsid.compensation.map_inverse import MapInverse
 from emsid.compensation.torque_ripple import RippleCompensation
@@ -31,10 +28,9 @@ from emsid.exports.verb import c_name, export
 from emsid.io.files import together, write_new
 from emsid.models.c_form import number
 from emsid.models.c_source import INT, REAL, Text, Writer
+from emsid.models.plants.brushless import Harmonic
 from emsid.models.verbs import as_model
 from emsid.plant.friction import of_forces
-
-Array = NDArray[np.float64]
 
 README = "COMPENSATION.md"
 BENCH = """\
@@ -355,10 +351,10 @@ TABLE, COGGING_MAP = 720, 3600
 
 
 def _of_ripple(found: RippleCompensation, name: str) -> tuple[str, str, list[str]]:
-    def sums(harmonics: Array) -> str:
+    def sums(harmonics: Sequence[Harmonic]) -> str:
         return "".join(
             f"    sum += {number(c)} * COS({number(n)} * angle) + {number(s)} * SIN({number(n)} * angle);\n"
-            for n, c, s in harmonics.tolist()
+            for n, c, s in harmonics
         )
 
     code = RIPPLE_CODE.replace("COGGING", sums(found.cogging)).replace("RIPPLE", sums(found.ripple))

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emsid.errors import ModelError
+from emsid.models.plants.brushless import Harmonic, over_angle
 
 Array = NDArray[np.float64]
 
 LARGEST = 0.9
-"""A ripple by current that is larger takes nearly all torque away at some angle, and is no result to compensate."""
+"""A ripple by current that takes more of the torque away at some angle needs more than ten times the current there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,15 +34,15 @@ class RippleCompensation:
         name: of the model.
         constant: torque per q-current without d-current, 3/2·p·ψ, in N·m/A.
         reluctance: torque per product of both currents, 3/2·p·(L_d − L_q), in N·m/A².
-        cogging: (n, 3) periods per turn, cosine and sine in N·m.
-        ripple: (n, 3) the same of the torque by current, as parts of it.
+        cogging: its harmonics in N·m.
+        ripple: those of the torque by current, as parts of it.
     """
 
     name: str
     constant: float
     reluctance: float
-    cogging: Array
-    ripple: Array
+    cogging: tuple[Harmonic, ...]
+    ripple: tuple[Harmonic, ...]
 
     @classmethod
     def of(cls, model: Any) -> Self:
@@ -56,15 +57,10 @@ class RippleCompensation:
                 f"{model.name} has neither cogging nor ripple of its torque; identify it from a log with the angle, of "
                 "a turn at least"
             )
-        cogging, ripple = (
-            np.array([tuple(each) for each in some], dtype=float).reshape(-1, 3)
-            for some in (plant.cogging, plant.torque_ripple)
-        )
         turn = 1.5 * plant.pole_pairs
-        found = cls(
-            model.name, turn * plant.flux, turn * (plant.inductance_d - plant.inductance_q), cogging, ripple
-        )  # fmt: skip
-        if float(np.max(np.abs(found.part(np.linspace(0, 2 * np.pi, 3600))))) > LARGEST:
+        reluctance = turn * (plant.inductance_d - plant.inductance_q)
+        found = cls(model.name, turn * plant.flux, reluctance, plant.cogging, plant.torque_ripple)
+        if float(np.min(found.part(np.linspace(0, 2 * np.pi, 3600)))) < -LARGEST:
             raise ModelError(f"{model.name}: the ripple by current is as large as the torque, which has no inverse")
         if not found.constant > 0:
             raise ModelError(f"{model.name} has no flux linkage of magnets, so that no q-current has a known torque")
@@ -72,11 +68,11 @@ class RippleCompensation:
 
     def cogging_torque(self, angle: ArrayLike) -> Array:
         """T_c in N·m, which acts against the motion, at angles of the shaft in rad, of any shape."""
-        return _sum(self.cogging, angle)
+        return over_angle(self.cogging, np.asarray(angle, dtype=float))
 
     def part(self, angle: ArrayLike) -> Array:
         """T_r, the ripple of the torque by current as a part of it, at angles of the shaft in rad."""
-        return _sum(self.ripple, angle)
+        return over_angle(self.ripple, np.asarray(angle, dtype=float))
 
     def torque(self, wanted: ArrayLike, angle: ArrayLike) -> Array:
         """The torque of the currents in N·m that moves the load with the torque that is wanted."""
@@ -95,11 +91,3 @@ class RippleCompensation:
         angle = (np.arange(points) + 0.5) * 2 * np.pi / points
         factor = 1.0 / (1.0 + self.part(angle))
         return np.column_stack([angle, self.cogging_torque(angle), factor, self.current(0.0, angle)])
-
-
-def _sum(harmonics: Array, angle: ArrayLike) -> Array:
-    at = np.asarray(angle, dtype=float)
-    total = np.zeros(at.shape)
-    for number, cosine, sine in harmonics.tolist():
-        total = total + cosine * np.cos(number * at) + sine * np.sin(number * at)
-    return total

@@ -646,8 +646,8 @@ def _handles(law: type[FrictionLaw], cogging: tuple[int, ...], ripple: tuple[int
 
 
 def over_angle(harmonics: Sequence[Harmonic], angle: Array) -> Array:
-    """(N,) the sum of harmonics at angles (N,) in rad."""
-    total = np.zeros(len(angle))
+    """The sum of harmonics at angles in rad, of any shape."""
+    total = np.zeros(angle.shape)
     for number, cosine, sine in harmonics:
         total += cosine * np.cos(number * angle) + sine * np.sin(number * angle)
     return total

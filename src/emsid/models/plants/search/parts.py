@@ -50,17 +50,18 @@ Array = NDArray[np.float64]
 
 AS_LARGE = 0.1
 """A move adds no part that promises less than this part of what its best one does: the effect of a large one is not
-linear, and beside it the score promises small ones that are not there."""
+linear, and beside it the score promises small ones that are not there. Half and double of it left the same harmonics of
+a record with three; without it, the search of a record with seven took more than four times as long."""
 STEPS = 4
-"""The steps of the search of a trial."""
+"""The steps of the search of a trial. With two, nothing was found in a record with three harmonics; with eight, the
+same as with four, in a fifth more time."""
 CHUNK = 32
 """Parts whose derivatives are computed together, and of which the best are compared: 150 MB for 100,000 samples of
 three outputs."""
-
-
 CLEARLY = 10.0
 """A part that the linearised plant needs by more than this is not taken out to look: refits without one differed from
-it by less than one."""
+it by less than one. Looking at all of seven harmonics took three times as long and left the same; looking at none
+left one that was not there."""
 
 
 @dataclass(frozen=True, eq=False)

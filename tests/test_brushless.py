@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import emsid
 from emsid.errors import DataError, ModelError
@@ -101,6 +102,29 @@ def test_a_fit_finds_the_constants_of_a_drive() -> None:
         assert abs(fit[name].value - truth) < 4 * fit[name].standard_error
         assert fit[name].standard_error < 0.02 * truth
     assert fit["dead_time_voltage"].value == pytest.approx(DRIVE.dead, rel=0.03)
+
+
+def followed(speed: np.ndarray, rate: float, dt: float) -> np.ndarray:
+    """(N,) the speed as a critically damped phase-locked loop of the angle has it, 1/(1 + s/rate)²."""
+    keeps = np.exp(-rate * dt)
+    return lfilter([(1 - keeps) ** 2], [1.0, -2 * keeps, keeps**2], speed - speed[0]) + speed[0]
+
+
+def test_a_fit_finds_the_filter_of_a_speed_and_takes_none_where_there_is_none() -> None:
+    record, lag = driven(DRIVE, 5, 0.4).record(), 2.0 / 1000.0
+    late = record.output.copy()
+    late[:, 2] = followed(late[:, 2], 1000.0, record.dt)
+    filtered = replace(record, output=late)
+    fit = emsid.identify(filtered, models="brushless", fixed={"pole_pairs": DRIVE.pairs}).recommended_fit
+    assert fit["sensor_lag"].value == pytest.approx(lag, rel=0.1)
+    for name, true in COUNTED.items():
+        low, high = fit[name].interval
+        assert low - (high - low) / 2 < true < high + (high - low) / 2, name
+    motor = replace(fit.model.plant, sensor_lag=0.0)
+    asked = emsid.plants.simulation_error(motor, filtered, free=["inertia", "sensor_lag"])
+    assert asked["sensor_lag"].value == pytest.approx(lag, rel=0.1)
+    direct = emsid.identify(record, models="brushless", fixed={"pole_pairs": DRIVE.pairs}).recommended_fit
+    assert "sensor_lag" not in direct.parameters
 
 
 def test_blocks_samples_files_and_c_give_the_numbers_of_one_run(tmp_path: Path) -> None:

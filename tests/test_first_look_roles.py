@@ -93,6 +93,10 @@ def test_a_vesc_log(tmp_path: Path) -> None:
     }
     found = look(tmp_path, columns)
     assert (*pair(found), found.reading["time"]) == ("duty_cycle", "erpm", "ms_today")
+    assert found.clock.dt == pytest.approx(0.01)
+    assert "time_unit" not in found.reading
+    finer = look(tmp_path, {**columns, "ms_today": 0.1 * np.arange(N)})
+    assert finer.clock.dt == pytest.approx(1e-4)
     assert found["tachometer"].meaning.quantity == "position"
     assert data(found, "further-channels")["outputs"] == ["current_motor"]
 

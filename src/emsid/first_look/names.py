@@ -249,6 +249,7 @@ PULSE = (400.0, 2600.0)
 """Pulses of servos and speed controllers in µs: 500 to 2500, and a little more."""
 
 _NAMES = """
+ms_today                time       any      ms VESC
 tachometer              position   whole    VESC, accumulated count
 tachometer_abs          other      any
 amp_hours               other      any
@@ -306,7 +307,7 @@ def _entries() -> dict[str, tuple[ColumnQuantity, Callable[[Array], bool], str]]
     }
 
 
-_UNITS = ("rev", "rev/s")
+_UNITS = ("rev", "rev/s", "ms")
 ENTRIES = _entries()
 
 

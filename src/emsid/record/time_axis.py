@@ -231,8 +231,8 @@ SECONDS = {
     "min": 60.0,
     "h": 3600.0,
 }
-CLOCK_NAMES = {"millis": "ms", "micros": "us"}
-"""Units of columns that are called like the function of a board that they come from."""
+CLOCK_NAMES = {"millis": "ms", "micros": "us", "ms_today": "ms"}
+"""Units of columns by names of boards and firmware: functions of Arduino, and the clock of a VESC."""
 UNIT_IN_NAME = re.compile(r"[\s_]*(?:[(\[{]\s*(?P<bracketed>[^)\]}]+?)\s*[)\]}]|_(?P<suffix>ns|us|ms|s))$")
 _RATE = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*([kM]?)Hz")
 """Of ticks that a time column counts."""

@@ -55,6 +55,7 @@ from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
 from emsid.models.plants.parameters import TINY, Handle, Signal, law_handles, scalar
 from emsid.models.plants.plant import (
     Channels,
+    Limits,
     Part,
     Plant,
     Quantity,
@@ -349,6 +350,12 @@ class Brushless(Plant):
         found += [] if self.held_in == "stator" else ["advance"]
         found += [] if self.dead_time_voltage else ["dead_time_current"]
         return (*found, *([] if Signal.SPEED in signals else ["sensor_lag"]))
+
+    def with_starts(self, asked: Sequence[str], segments: Sequence[Record], limits: Limits) -> Self:
+        """The motor with a lag of a sample where one is estimated: without any, its derivative is zero."""
+        if "sensor_lag" not in asked or self.sensor_lag:
+            return self
+        return replace(self, sensor_lag=min(segments[0].dt, limits["sensor_lag"][1]))
 
     def plausible(self, measure: Measure, sizes: Sizes) -> float:
         """From the torque of a rotor that the largest voltage holds at rest."""

@@ -40,6 +40,7 @@ from emsid.models.plants.search.estimation import begun_again, searched
 from emsid.models.plants.search.result import GreyBoxFit
 from emsid.models.plants.search.rising import MOST, with_heating
 from emsid.models.plants.search.scored import score_at
+from emsid.models.plants.search.speed_filter import with_filter
 from emsid.models.plants.search.task import Task
 from emsid.models.search.driver import climb
 from emsid.models.search.score import Score
@@ -88,8 +89,8 @@ class Extended:
 
 @one_blas_thread()
 def with_parts(plant: Plant, records: Record | Iterable[Record], **options: Any) -> GreyBoxFit:
-    """The fit of `simulation_error` with the parts and the heating that the records support, and the same arguments."""
-    return concluded(*with_heating(*extended(*searched(plant, records, **options))))
+    """The fit of `simulation_error`, same arguments, with filter, parts and heating that the records support."""
+    return concluded(*with_heating(*extended(*with_filter(*searched(plant, records, **options)))))
 
 
 def extended(task: Task, start: Plant, reached: Reached) -> tuple[Task, Plant, Reached]:

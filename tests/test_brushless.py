@@ -50,6 +50,7 @@ def plant_of(drive: Drive) -> Brushless:
         held_in="stator",
         heating=1 / drive.capacity,
         cooling=drive.conductance / drive.capacity,
+        winding_drift=drive.drift,
     )
 
 
@@ -68,15 +69,16 @@ def simulated(plant: Brushless, log: Log, record: emsid.Record) -> np.ndarray:
         DRIVE._replace(advance=0.0),
         DRIVE._replace(cogging=((42.0, 4e-3, -3e-3),), ripple=((42.0, 0.02, 0.04),)),
         DRIVE._replace(capacity=2.0, conductance=0.5),
+        DRIVE._replace(drift=1.0),
     ],
-    ids=["dead time", "angle not advanced", "ripple", "warming"],
+    ids=["dead time", "angle not advanced", "ripple", "warming", "drift"],
 )
 def test_a_plant_follows_a_drive_that_is_simulated_in_the_stator(drive: Drive) -> None:
     log = driven(drive, 3, 0.2, noisy=False)
     record = log.record()
     error = (simulated(replace(plant_of(drive), steps=8), log, record) - record.output).std(axis=0)
     assert np.all(error < [5e-3, 5e-3, 0.02]), error  # of 12 A and 100 rad/s
-    other = plant_of(drive._replace(dead_time=0.0, cogging=(NONE,), capacity=1e9))
+    other = plant_of(drive._replace(dead_time=0.0, cogging=(NONE,), capacity=1e9, drift=0.0))
     assert np.any((simulated(other, log, record) - record.output).std(axis=0) > [0.1, 0.1, 0.3])
 
 
@@ -372,3 +374,23 @@ def test_a_bandwidth_that_the_margins_do_not_allow_is_reduced() -> None:
     assert found.bandwidth == pytest.approx(emsid.controllers.current_control(model).bandwidth, rel=1e-2)
     with pytest.raises(ModelError, match="no current loop of its own"):
         emsid.controllers.current_control(emsid.plants.rigid_motor())
+
+
+def test_a_motor_begins_as_a_run_has_left_it() -> None:
+    plant = emsid.plants.brushless(heating=50.0, cooling=0.1, winding_drift=0.1, drift_end=0.2, winding_rise=0.05)
+    u, dt = np.tile([0.0, 0.5], (500, 1)), 1e-4
+    first = plant.first_state(SIGNALS, emsid.Record(u, np.zeros((500, 3)), dt))
+    begun = plant.start(first, u[0], dt, SIGNALS)
+    end = plant.run(begun, u, SIGNALS)[1]
+    assert (plant.rise_in(begun), plant.begins_risen) == (0.05, 0.05)
+    assert plant.rise_in(end) > 0.055
+    left = plant.as_left(end)
+    assert left.begins_risen == left.value("drift_end") == plant.rise_in(end)
+    again = emsid.plants.GreyBox.from_data(emsid.plants.GreyBox(left, SIGNALS).to_data()).plant
+    assert again == left
+    constants = [
+        {each.name: each.value for each in some.quantities()} for some in (left, replace(left, winding_rise=0))
+    ]
+    name = "electrical time constant"
+    assert constants[0][name] * (1 + left.begins_risen) == pytest.approx(constants[1][name])
+    assert "dρ/dt = α·h·3/2·R_s" in left.equations()

@@ -20,6 +20,7 @@ from model_examples import DT
 from test_export_c import in_c
 
 DRIVE = Drive(switched=False)
+LOCKED = {"flux": 5e-3, "inertia": 8e-5, "viscous_friction": 0.0, "friction.coulomb": 10.0}
 SIGNALS = (Signal.D_CURRENT, Signal.Q_CURRENT, Signal.SPEED)
 COUNTED = {
     "resistance": DRIVE.resistance,
@@ -394,3 +395,26 @@ def test_a_motor_begins_as_a_run_has_left_it() -> None:
     name = "electrical time constant"
     assert constants[0][name] * (1 + left.begins_risen) == pytest.approx(constants[1][name])
     assert "dρ/dt = α·h·3/2·R_s" in left.equations()
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [({"capacity": 0.015}, {"heating"}), ({"drift": 0.6}, {"winding_drift"}), ({}, set())],
+    ids=["heating", "drift", "neither"],
+)
+def test_a_search_finds_what_changes_the_resistance(change: dict[str, float], names: set[str]) -> None:
+    rng, n = np.random.default_rng(11), 1500
+    wanted = np.repeat(rng.uniform(-6, 6, (n // 50, 2)), 50, axis=0)
+    wanted[: n // 2] *= 0.4
+    drive = DRIVE._replace(dead_time=0.0, **change)
+    log = logged(drive, *wanted.T, np.full(n, np.nan), 4, locked=True)
+    plant = emsid.plants.brushless(delay=1e-4, advance=1.5e-4, held_in="stator")
+    fit = emsid.fit(plant, log.record("i_d i_q"), fixed=LOCKED)
+    assert {"heating", "cooling", "winding_drift"} & {*fit.names} == names
+    said = [each.data for each in fit.findings if each.code == "resistance-changes"]
+    assert [each["heats"] for each in said] == ["heating" in names] * len(names)
+    for each in said:
+        assert abs(each["rise"] - 0.00393 * log.warmer[-1]) < 1.5 * each["half"] < 0.1 * each["rise"]
+    truth = {"heating": 1 / drive.capacity, "winding_drift": drive.drift, "resistance": drive.resistance}
+    for name in ("resistance", *names):
+        assert abs(fit[name].value - truth[name]) < 4 * fit[name].standard_error < 0.1 * truth[name]

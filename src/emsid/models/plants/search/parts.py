@@ -38,7 +38,7 @@ from emsid.models.plants.search.conclusion import concluded
 from emsid.models.plants.search.continuation import Reached
 from emsid.models.plants.search.estimation import searched
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.plants.search.rising import with_heating
+from emsid.models.plants.search.rising import with_rise
 from emsid.models.plants.search.scored import score_at
 from emsid.models.plants.search.task import Task
 from emsid.models.search.driver import climb
@@ -87,8 +87,8 @@ class Extended:
 
 @one_blas_thread()
 def with_parts(plant: Plant, records: Record | Iterable[Record], **options: Any) -> GreyBoxFit:
-    """The fit of `simulation_error` with the parts and the heating that the records support, and the same arguments."""
-    return concluded(*with_heating(*extended(*searched(plant, records, **options))))
+    """The fit of `simulation_error`, same arguments, with parts and a changing resistance that the records support."""
+    return concluded(*with_rise(*extended(*searched(plant, records, **options))))
 
 
 def extended(task: Task, start: Plant, reached: Reached) -> tuple[Task, Plant, Reached]:

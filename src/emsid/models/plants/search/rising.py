@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,40 +35,59 @@ PARTS = 50
 OF_RISE = ("heating", "cooling", "winding_drift")
 """The parameters that the rise depends on most."""
 MOST = 60
-"""Steps of the search with the heating, as of every other."""
+"""Steps of the search with a changing resistance, as of every other."""
 SMALL = 1e-3
 """Change of a parameter for derivatives, as a part of it."""
 
 
-def with_heating(task: Task, start: Plant, reached: Reached) -> tuple[Task, Plant, Reached]:
-    """The end of a search of a plant without a drive, or that with the heating of its winding where this is better.
+def with_rise(task: Task, start: Plant, reached: Reached) -> tuple[Task, Plant, Reached]:
+    """The end of a search of a plant without a drive, or that with a changing resistance where this is better.
 
-    The best of several rates of cooling is refitted if its score promises something, and taken by Schwarz's criterion.
+    Of the heating, at several rates of cooling, and of the drift, each is refitted if its score promises something, and
+    Schwarz's criterion chooses among these ends and the one without either.
     """
-    plant, problem = reached.problem.plant, reached.problem
-    new = ("heating", "cooling")
-    if not {*new} <= plant.handles.keys() or not reached.unended or {*new} & {*task.asked, *task.fixed, *task.sheet}:
+    plant = reached.problem.plant
+    known = {*task.asked, *task.fixed, *task.sheet}
+    if not {*OF_RISE} <= plant.handles.keys() or not reached.unended or {*OF_RISE} & known:
         return task, start, reached
-    if plant.value("heating") or not plant.with_values({"heating": 1.0}).changes_resistance:
+    if plant.changes_resistance or not plant.with_values({"heating": 1.0}).changes_resistance:
         return task, start, reached
     seconds = max(map(len, task.segments)) * task.segments[0].dt
-    with suppress(EmsidError, Stopped):
-        score, best = score_at(problem), None
-        for rate in COOLING:
-            begun = plant.with_values({"cooling": rate / seconds})
-            promise = score.promise(effect_of(problem, begun, new[:1]), *bounds_of(begun, new[:1]), least=1.0)
-            if promise.gain > 0 and (best is None or promise.gain > best[0]):
-                best = promise.gain, begun.with_values({"heating": float(promise.step[0])})
-        if best is None:
-            return task, start, reached
-        names = new if best[1].value("cooling") else new[:1]
-        limits = {**task.limits, **dict.fromkeys(names, (0.0, inf))}
-        wider = replace(task, asked=(*task.asked, *names), limits=limits)
-        found = continuation.search(wider, best[1], MOST, reached.states)
-        samples = effective_samples(found.residuals)
-        if schwarz_gain(found.cost, reached.cost, samples, len(found.names) - len(reached.names)) > 0:
-            return wider, start, found
-    return task, start, reached
+    rates = [rate / seconds for rate in COOLING if rate / seconds <= plant.handles["cooling"].upper]
+    cooled = [(plant.with_values({"cooling": rate}), ("heating", "cooling")[: 1 + bool(rate)]) for rate in rates]
+    best = task, start, reached
+    for several in (cooled, [(plant, ("winding_drift",))]):
+        with suppress(EmsidError, Stopped):
+            found = _refitted(task, reached, several)
+            if found is not None and _preferred(found[1], best[2]):
+                best = found[0], start, found[1]
+    return best
+
+
+def _preferred(found: Reached, other: Reached) -> bool:
+    """Whether Schwarz's criterion prefers the end of a search to that of another one."""
+    more = len(found.names) - len(other.names)
+    return schwarz_gain(found.cost, other.cost, effective_samples(found.residuals), more) > 0
+
+
+def _refitted(
+    task: Task, reached: Reached, several: Sequence[tuple[Plant, tuple[str, ...]]]
+) -> tuple[Task, Reached] | None:
+    """The task and the end of a search with the addition, among plants with their new parameters, that promises most.
+
+    None where none of them promises anything.
+    """
+    problem, score, best = reached.problem, score_at(reached.problem), None
+    for begun, names in several:
+        promise = score.promise(effect_of(problem, begun, names[:1]), *bounds_of(begun, names[:1]), least=1.0)
+        if promise.gain > 0 and (best is None or promise.gain > best[0]):
+            best = promise.gain, begun.with_values({names[0]: float(promise.step[0])}), names
+    if best is None:
+        return None
+    _, begun, names = best
+    limits = {name: (begun.handles[name].lower, begun.handles[name].upper) for name in names}
+    wider = replace(task, asked=(*task.asked, *names), limits={**task.limits, **limits})
+    return wider, continuation.search(wider, begun, MOST, reached.states)
 
 
 def rising(problem: FreeRunError, names: Sequence[str], covariance: Array) -> list[Finding]:

@@ -21,6 +21,7 @@ from model_examples import DT
 from test_export_c import in_c
 
 DRIVE = Drive(switched=False)
+LOCKED = {"flux": 5e-3, "inertia": 8e-5, "viscous_friction": 0.0, "friction.coulomb": 10.0}
 SIGNALS = (Signal.D_CURRENT, Signal.Q_CURRENT, Signal.SPEED)
 COUNTED = {
     "resistance": DRIVE.resistance,
@@ -51,6 +52,7 @@ def plant_of(drive: Drive) -> Brushless:
         held_in="stator",
         heating=1 / drive.capacity,
         cooling=drive.conductance / drive.capacity,
+        winding_drift=drive.drift,
     )
 
 
@@ -69,15 +71,16 @@ def simulated(plant: Brushless, log: Log, record: emsid.Record) -> np.ndarray:
         DRIVE._replace(advance=0.0),
         DRIVE._replace(cogging=((42.0, 4e-3, -3e-3),), ripple=((42.0, 0.02, 0.04),)),
         DRIVE._replace(capacity=2.0, conductance=0.5),
+        DRIVE._replace(drift=1.0),
     ],
-    ids=["dead time", "angle not advanced", "ripple", "warming"],
+    ids=["dead time", "angle not advanced", "ripple", "warming", "drift"],
 )
 def test_a_plant_follows_a_drive_that_is_simulated_in_the_stator(drive: Drive) -> None:
     log = driven(drive, 3, 0.2, noisy=False)
     record = log.record()
     error = (simulated(replace(plant_of(drive), steps=8), log, record) - record.output).std(axis=0)
     assert np.all(error < [5e-3, 5e-3, 0.02]), error  # of 12 A and 100 rad/s
-    other = plant_of(drive._replace(dead_time=0.0, cogging=(NONE,), capacity=1e9))
+    other = plant_of(drive._replace(dead_time=0.0, cogging=(NONE,), capacity=1e9, drift=0.0))
     assert np.any((simulated(other, log, record) - record.output).std(axis=0) > [0.1, 0.1, 0.3])
 
 
@@ -396,3 +399,46 @@ def test_a_bandwidth_that_the_margins_do_not_allow_is_reduced() -> None:
     assert found.bandwidth == pytest.approx(emsid.controllers.current_control(model).bandwidth, rel=1e-2)
     with pytest.raises(ModelError, match="no current loop of its own"):
         emsid.controllers.current_control(emsid.plants.rigid_motor())
+
+
+def test_a_motor_begins_as_a_run_has_left_it() -> None:
+    plant = emsid.plants.brushless(heating=50.0, cooling=0.1, winding_drift=0.1, drift_end=0.2, winding_rise=0.05)
+    u, dt = np.tile([0.0, 0.5], (500, 1)), 1e-4
+    first = plant.first_state(SIGNALS, emsid.Record(u, np.zeros((500, 3)), dt))
+    begun = plant.start(first, u[0], dt, SIGNALS)
+    end = plant.run(begun, u, SIGNALS)[1]
+    assert (plant.rise_in(begun), plant.begins_risen) == (0.05, 0.05)
+    assert plant.rise_in(end) > 0.055
+    left = plant.as_left(end)
+    assert left.begins_risen == left.value("drift_end") == plant.rise_in(end)
+    again = emsid.plants.GreyBox.from_data(emsid.plants.GreyBox(left, SIGNALS).to_data()).plant
+    assert again == left
+    constants = [
+        {each.name: each.value for each in some.quantities()} for some in (left, replace(left, winding_rise=0))
+    ]
+    name = "electrical time constant"
+    assert constants[0][name] * (1 + left.begins_risen) == pytest.approx(constants[1][name])
+    assert "dρ/dt = α·h·3/2·R_s" in left.equations()
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [({"capacity": 0.015}, {"heating"}), ({"drift": 0.6}, {"winding_drift"}), ({}, set())],
+    ids=["heating", "drift", "neither"],
+)
+def test_a_search_finds_what_changes_the_resistance(change: dict[str, float], names: set[str]) -> None:
+    rng, n = np.random.default_rng(11), 1500
+    wanted = np.repeat(rng.uniform(-6, 6, (n // 50, 2)), 50, axis=0)
+    wanted[: n // 2] *= 0.4
+    drive = DRIVE._replace(dead_time=0.0, **change)
+    log = logged(drive, *wanted.T, np.full(n, np.nan), 4, locked=True)
+    plant = emsid.plants.brushless(delay=1e-4, advance=1.5e-4, held_in="stator")
+    fit = emsid.fit(plant, log.record("i_d i_q"), fixed=LOCKED)
+    assert {"heating", "cooling", "winding_drift"} & {*fit.names} == names
+    said = [each.data for each in fit.findings if each.code == "resistance-changes"]
+    assert [each["heats"] for each in said] == ["heating" in names] * len(names)
+    for each in said:
+        assert abs(each["rise"] - 0.00393 * log.warmer[-1]) < 1.5 * each["half"] < 0.1 * each["rise"]
+    truth = {"heating": 1 / drive.capacity, "winding_drift": drive.drift, "resistance": drive.resistance}
+    for name in ("resistance", *names):
+        assert abs(fit[name].value - truth[name]) < 4 * fit[name].standard_error < 0.1 * truth[name]

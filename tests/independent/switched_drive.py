@@ -63,6 +63,7 @@ class Drive(NamedTuple):
     ripple: tuple[tuple[float, float, float], ...] = (NONE,)  # the same, as parts of the torque
     capacity: float = 1e9
     conductance: float = 0.0
+    drift: float = 0.0  # of the resistance in 1/s, as a part of it, by heat from elsewhere
 
     @property
     def period(self) -> float:
@@ -109,7 +110,7 @@ def _slopes(m, i_a, i_b, angle, speed, warmer, v_a, v_b, v_c, side):  # type: ig
         torque -= cosine * np.cos(n * angle) + sine * np.sin(n * angle)
     heat = resistance * (i[0] ** 2 + i[1] ** 2 + i[2] ** 2) - m.conductance * warmer
     rate = (torque - m.viscous * speed - side * m.coulomb) / m.inertia
-    return (d * x - b * y) / of, (a * y - c * x) / of, rate, heat / m.capacity, torque
+    return (d * x - b * y) / of, (a * y - c * x) / of, rate, heat / m.capacity + m.drift / 0.00393, torque
 
 
 @numba.njit(cache=True)

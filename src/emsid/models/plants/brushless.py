@@ -22,9 +22,8 @@ where the rotor turns on: in its frame the voltage turns back by ω_e times the 
 which the controller advances that angle. Dead time takes U_t·i/√(i² + i_t²) from every phase, a constant drop against
 the current for i_t = 0. Where no angle is measured, it takes the fundamental of this, 4/π·U_t along the current.
 
-The resistance follows the temperature of the winding, R = R_s·(1 + α·Δϑ). Δϑ is logged (an input), or the state of
-one thermal mass that begins at Δϑ₀, zero in a fit, so that R_s is the resistance at its start: dΔϑ/dt = h·P − k·Δϑ
-with the copper loss P = 3/2·R·(i_d² + i_q²), the heating h = 1/C and the cooling k = 1/(C·R_th).
+The resistance may change, R = R_s·(1 + ρ), as that of any winding (`emsid.models.plants.effects`): by its copper loss
+P = 3/2·R·(i_d² + i_q²), by a drift, or with a temperature that is logged, which is an input.
 
 References:
     Strang, SIAM J. Numer. Anal. 5 (1968), on the splitting. Krishnan, *Permanent Magnet Synchronous and Brushless DC
@@ -48,7 +47,21 @@ from emsid.compiled import njit
 from emsid.errors import DataError, EmsidError, ModelError, listed
 from emsid.findings import Finding
 from emsid.models.plants.drive import Hold
-from emsid.models.plants.effects import COPPER
+from emsid.models.plants.effects import (
+    REFERENCE,
+    TEMPERATURES,
+    Winding,
+    acting,
+    acts_on_resistance,
+    as_left,
+    beside_nothing,
+    check_effects,
+    effect_handles,
+    equation_of_rise,
+    resistance,
+    risen,
+    with_rows,
+)
 from emsid.models.plants.gravity import Gravity, gravity_handles
 from emsid.models.plants.lost_motion import Body
 from emsid.models.plants.one_mass import Sliding, compiled_with_law, move
@@ -72,8 +85,6 @@ from emsid.record import Record
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-REFERENCE = 20.0
-"""Temperature in °C at which R_s holds where the temperature of the winding is logged."""
 LONGEST_STEP = 2.5e-5
 """Longest step in s. With twice as long ones, L_q from a second at 10 kHz is 0.6 standard errors too large (the mean
 of eight records of a drive simulated in the frame of its stator); the error falls with the square of the step."""
@@ -103,7 +114,7 @@ ANGLE, TEMPERATURE = "angle", "temperature"
 _kernel = njit(nogil=True, error_model="numpy")
 _CODES = {Signal.POSITION: 0, Signal.SPEED: 1, Signal.D_CURRENT: 2, Signal.Q_CURRENT: 3}
 _SPEED, _ANGLE, _D, _Q, _RISE, _READING, _BEGUN = range(7)
-"""The state: speed in rad/s, angle in rad, currents in A, rise of temperature in K, reading of the speed, and whether a
+"""The state: speed in rad/s, angle in rad, currents in A, rise of the resistance, reading of the speed, and whether a
 sample has been simulated."""
 _ROWS: tuple[tuple[str, str, str, str, Measure, float], ...] = (
     ("resistance", "R_s", "ohm", "resistance of a phase", Measure.OTHER, TINY),
@@ -120,11 +131,7 @@ _ROWS: tuple[tuple[str, str, str, str, Measure, float], ...] = (
     ("dead_time_voltage", "U_t", "V", "voltage that a phase loses to dead time", Measure.COMMAND, 0.0),
     ("dead_time_current", "i_t", "A", "current at which it loses 71 % of it", Measure.OTHER, 0.0),
     ("sensor_lag", "t_s", "s", "time constant of the filter of the speed", Measure.TIME, 0.0),
-    ("heating", "h", "K/J", "rise of temperature per copper loss", Measure.OTHER, 0.0),
-    ("cooling", "k", "1/s", "rate at which the winding cools", Measure.OTHER, 0.0),
     ("slots", "Q", "1", "slots of the stator, 0 where they are not known", Measure.OTHER, 0.0),
-    ("temperature_coefficient", "α", "1/K", "temperature coefficient of the resistance", Measure.OTHER, 0.0),
-    ("temperature_rise", "Δϑ₀", "K", "rise of temperature where a run begins", Measure.OTHER, -inf),
 )  # fmt: skip
 
 
@@ -142,7 +149,7 @@ class Harmonic(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Brushless(Plant):
+class Brushless(Plant, Winding):
     """A brushless motor, from voltages in the frame of its rotor to currents, speed and angle.
 
     Args:
@@ -156,8 +163,7 @@ class Brushless(Plant):
         delay, advance: in s, see the module.
         dead_time_voltage, dead_time_current: in V and A.
         sensor_lag: in s.
-        heating, cooling, temperature_coefficient: in K/J, 1/s and 1/K.
-        temperature_rise: where a run begins, in K.
+        winding: by name, see `Winding`.
         inputs: ``dq``, ``q`` (v_d is zero) or ``duty`` (of the q-axis, and the bus voltage).
         placed: whether the measured angle in rad is a further input. The angle of the motor follows it, so that errors
             of the motion do not add up. The controller acts at the measured angle, and the currents are those in its
@@ -189,11 +195,7 @@ class Brushless(Plant):
     dead_time_voltage: float = 0.0
     dead_time_current: float = 0.0
     sensor_lag: float = 0.0
-    heating: float = 0.0
-    cooling: float = 0.0
     slots: float = 0.0
-    temperature_coefficient: float = COPPER
-    temperature_rise: float = 0.0
     inputs: str = "dq"
     placed: bool = False
     warmed: bool = False
@@ -209,6 +211,7 @@ class Brushless(Plant):
             value = getattr(self, name)
             if not lower <= value < inf:
                 raise ModelError(f"brushless with {name} ({symbol}) {value}; it must be at least {lower:g} and finite")
+        check_effects(self.name, self)
 
     name = "brushless"
     states = 7
@@ -228,7 +231,8 @@ class Brushless(Plant):
         level = f"friction.{self.friction.parameters[0].name}"
         electrical = ("resistance", "inductance_d", "inductance_q", "flux")
         usual = (*electrical, "inertia", "viscous_friction", level, "dead_time_voltage")
-        more = tuple(name for name in ("heating", "cooling", "gravity.torque") if self.value(name))
+        winding = ("heating", "cooling", "winding_drift") if self.changes_resistance else ()
+        more = tuple(name for name in (*winding, "gravity.torque") if self.value(name))
         return (*usual, *more, *(name for name in self.handles if name.startswith(("cogging.", "torque_ripple."))))
 
     @property
@@ -303,21 +307,21 @@ class Brushless(Plant):
 
     @property
     def changes_resistance(self) -> bool:
-        """Whether it is a thermal mass of which no temperature is logged."""
-        return self.heating > 0 and not self.warmed
+        """Whether its resistance changes by itself, and not with a temperature that is logged."""
+        return acts_on_resistance(self) and not self.warmed
 
     @property
     def begins_risen(self) -> float:
-        """Δϑ₀."""
-        return self.temperature_rise
+        """ρ₀."""
+        return self.winding_rise
 
     def rise_in(self, state: PlantState) -> float:
-        """α·Δϑ."""
-        return self.temperature_coefficient * float(state.motion[_RISE]) if self.changes_resistance else 0.0
+        """ρ."""
+        return float(state.motion[_RISE]) if self.changes_resistance else 0.0
 
     def as_left(self, state: PlantState) -> Self:
-        """The motor that begins with the temperature of a state."""
-        return replace(self, temperature_rise=float(state.motion[_RISE])) if self.changes_resistance else self
+        """The motor that begins with the resistance of a state, and drifts no more."""
+        return self.with_values(as_left(self.rise_in(state))) if self.changes_resistance else self
 
     def with_hold(self, hold: Hold) -> Self:
         """The motor with this hold of its voltages."""
@@ -330,7 +334,7 @@ class Brushless(Plant):
             DataError: for inputs that are none of `INPUTS`.
         """
         units = list(record.input_units)
-        warmed = units[-1] in ("degC", "°C") and len(units) > 1
+        warmed = units[-1] in TEMPERATURES and len(units) > 1
         placed = units[-1 - warmed] == "rad" and len(units) > 1 + warmed
         volts = tuple(unit in ("V", "") for unit in units[: len(units) - warmed - placed])
         found = {(True, True): "dq", (True,): "q", (False, True): "duty"}.get(volts)
@@ -344,9 +348,7 @@ class Brushless(Plant):
 
     def without_effect(self, signals: Sequence[Signal]) -> tuple[str, ...]:
         """What acts only beside something that is absent; constants that nobody questions."""
-        found = ["pole_pairs", "slots", "gravity.acceleration", "gravity.period"]
-        found += [] if self.heating else ["cooling", *([] if self.warmed else ["temperature_coefficient"])]
-        found += ["temperature_rise"] if self.warmed else []
+        found = ["pole_pairs", "slots", "gravity.acceleration", "gravity.period", *beside_nothing(self, self.warmed)]
         found += [] if self.held_in == "stator" else ["advance"]
         found += [] if self.dead_time_voltage else ["dead_time_current"]
         return (*found, *([] if Signal.SPEED in signals else ["sensor_lag"]))
@@ -364,7 +366,7 @@ class Brushless(Plant):
     def start(
         self, state: Array, command: Array, dt: float, signals: Sequence[Signal], samples: int | None = None
     ) -> PlantState:
-        """The state before the first sample: speed, angle, currents, rise of temperature, and the voltages before it.
+        """The state before the first sample: speed, angle, currents, rise of the resistance, and voltages before it.
 
         Raises:
             ModelError: for a signal that it does not have.
@@ -418,9 +420,8 @@ class Brushless(Plant):
             self.resistance, self.inductance_d, self.inductance_q, self.flux, self.pole_pairs,
             self.inertia + self.gravity.inertia, self.advance, self.dead_time_voltage,
             self.dead_time_current, 1.0 - np.exp(-dt / self.sensor_lag) if self.sensor_lag else 1.0,
-            1.0 - np.exp(-dt / FOLLOWING),
-            self.heating,
-            self.cooling, self.temperature_coefficient, dt, 0.0 if straight else min(late - (kept - 1), 1.0),
+            1.0 - np.exp(-dt / FOLLOWING), acting(self, 1.5 * self.resistance, self.warmed), dt,
+            0.0 if straight else min(late - (kept - 1), 1.0),
             len(state.commands) - late if straight else 0.0, late * dt,
             np.array([(1.0 * n, c, s) for n, c, s in self.torque_ripple]).reshape(-1, 3),
             np.array(columns, dtype=np.int64), np.array([_CODES[each] for each in signals], dtype=np.int64),
@@ -432,7 +433,7 @@ class Brushless(Plant):
     def first_state(self, signals: Sequence[Signal], segment: Record) -> Array:
         """The first samples; a speed that is not measured is zero, or the slope of the angle."""
         state = np.zeros(self.states)
-        state[_RISE], state[5:] = self.temperature_rise, self._voltages(segment.input[0])
+        state[_RISE], state[5:] = self.begins_risen, self._voltages(segment.input[0])
         for k, signal in enumerate(signals):
             state[_STATE_OF[signal]] = segment.output[0, k]
         if Signal.SPEED not in signals and Signal.POSITION in signals and len(segment) > 2:
@@ -587,22 +588,25 @@ class Brushless(Plant):
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Torque constant, time constants, and the motor constant."""
-        torque = 1.5 * self.pole_pairs * self.flux
+        torque, ohms = 1.5 * self.pole_pairs * self.flux, self.resistance * (1.0 + self.winding_rise)
         return (
             Quantity("torque constant", "3/2·p·ψ", "N*m/A", torque),
-            Quantity("electrical time constant", "L_q/R_s", "s", self.inductance_q / self.resistance),
+            Quantity("electrical time constant", "L_q/R_s", "s", self.inductance_q / ohms),
             Quantity(
                 "mechanical time constant", "R_s·J/(3/2·p²·ψ²)", "s",
-                self.resistance * self.inertia / max(torque * self.pole_pairs * self.flux, TINY),
+                ohms * self.inertia / max(torque * self.pole_pairs * self.flux, TINY),
             ),
-            Quantity("motor constant", "√(3/2)·p·ψ/√R_s", "N*m/W^0.5", torque / np.sqrt(1.5 * self.resistance)),
+            Quantity("motor constant", "√(3/2)·p·ψ/√R_s", "N*m/W^0.5", torque / np.sqrt(1.5 * ohms)),
         )  # fmt: skip
 
     def equations(self) -> str:
-        """Those of currents and motion."""
+        """Those of currents, resistance and motion."""
+        rises = equation_of_rise(self, "3/2·R_s·(1 + ρ)·(i_d² + i_q²)", self.warmed)
+        ohms = "R_s·(1 + ρ)" if rises else "R_s"
         return (
-            "L_d·di_d/dt = v_d − R_s·i_d + p·ω·L_q·i_q\n"
-            "L_q·di_q/dt = v_q − R_s·i_q − p·ω·(L_d·i_d + ψ)\n"
+            f"L_d·di_d/dt = v_d − {ohms}·i_d + p·ω·L_q·i_q\n"
+            f"L_q·di_q/dt = v_q − {ohms}·i_q − p·ω·(L_d·i_d + ψ)\n"
+            f"{rises}{bool(rises) * chr(10)}"
             "J·dω/dt = 3/2·p·(ψ + (L_d − L_q)·i_d)·i_q − B·ω − T_f(ω) − T_d"
         )
 
@@ -627,6 +631,7 @@ class Brushless(Plant):
         return replace(self, **rest).with_values(data["parameters"])
 
 
+Brushless.__doc__ = with_rows(Brushless.__doc__)
 _PLAIN = ("inputs", "placed", "warmed", "held_in", "steps")
 _FRAMES = ("rotor", "stator")
 _COLUMNS = ("v_d", "v_q", "duty", "bus", ANGLE, TEMPERATURE)
@@ -639,6 +644,7 @@ def _handles(law: type[FrictionLaw], cogging: tuple[int, ...], ripple: tuple[int
     found: dict[str, Handle] = {}
     for name, symbol, unit, description, measure, lower in _ROWS:
         found |= scalar((name,), Parameter(name, symbol, unit, description), measure, lower)
+    found |= effect_handles(Winding)
     found |= law_handles(("friction",), "friction", law) | gravity_handles()
     for part, letters, unit, of, measure, numbers in (
         ("cogging", "ab", "N*m", "the cogging", Measure.FORCE, cogging),
@@ -685,6 +691,7 @@ class Machine(NamedTuple):
     Attributes:
         settles: the part of a change of speed that its filter follows in a sample.
         follows: the part of an error of its angle that is corrected in a sample, where the angle is measured.
+        acting: the parameters of its winding, see `emsid.models.plants.effects.Acting`.
         dt, late, at: sample time; the part of it during which the row before still acts; the row that acts at the
             sample of a straight voltage.
         wait: the delay in s.
@@ -707,9 +714,7 @@ class Machine(NamedTuple):
     width: float
     settles: float
     follows: float
-    heating: float
-    cooling: float
-    warming: float
+    acting: Any
     dt: float
     late: float
     at: float
@@ -799,7 +804,7 @@ def brushless_sample(
     rows[last, 0] = u[c[0]] if c[0] >= 0 else 0.0
     rows[last, 1] = u[c[1]] if c[1] >= 0 else u[c[2]] * u[c[3]] / np.sqrt(3.0)
     if c[5] >= 0:
-        motion[_RISE] = u[c[5]] - _REFERENCE
+        motion[_RISE] = m.acting.temperature_coefficient * (u[c[5]] - _REFERENCE)
     if m.straight and motion[_BEGUN] > 0.0:
         for piece in range(m.steps):
             at = min(max(m.at - 1.0 + (piece + 0.5) / m.steps, 0.0), 1.0 * last)
@@ -832,10 +837,10 @@ def brushless_sample(
                 for _ in range(pieces):
                     _step(m, friction, rows[part, 0], rows[part, 1], rows[part, 2], whole / pieces, work, motion)
     motion[_READING] += m.settles * (0.5 * (before + motion[_SPEED]) - motion[_READING])
-    if c[5] < 0:
-        warm = m.resistance * (1.0 + m.warming * motion[_RISE])
-        rate = m.heating * 1.5 * warm * (motion[_D] ** 2 + motion[_Q] ** 2) - m.cooling * motion[_RISE]
-        motion[_RISE] += m.dt * rate / (1.0 + 0.5 * m.dt * m.cooling)
+    if m.acting.loss > 0.0:
+        over = resistance(m.acting, abs(motion[_SPEED]), motion[_RISE])
+        loss = m.acting.loss * over * (motion[_D] ** 2 + motion[_Q] ** 2)
+        motion[_RISE] = risen(m.acting, motion[_RISE], loss, m.dt)
     motion[_BEGUN] = 1.0
 
 
@@ -972,7 +977,7 @@ def _currents(
         h: in s.
         place, turn: the electrical angle in the middle, and half of the way.
     """
-    r = m.resistance * (1.0 + m.warming * motion[_RISE])
+    r = m.resistance * resistance(m.acting, abs(motion[_SPEED]), motion[_RISE])
     a, b = -r / m.inductance_d, speed * m.inductance_q / m.inductance_d
     c, d = -speed * m.inductance_d / m.inductance_q, -r / m.inductance_q
     of = a * d - b * c

@@ -35,6 +35,7 @@ from emsid.models.plants.effects import (
     as_left,
     beside_nothing,
     check_effects,
+    equation_of_rise,
     with_rows,
 )
 from emsid.models.plants.gravity import CONSTANTS, Gravity
@@ -319,14 +320,15 @@ class MotorPlant(DrivenPlant, Effects):
         hung = NO_WAVES if self.gravity is None else self.gravity.wave(self.sensor.ratio)
         waves = np.concatenate([hung, self.cogging.waves])
         servo = self.servo.numbers(self.sensor.ratio) if self.servo is not None and self.follows else NO_SERVO
-        effects = NEUTRAL if self.feed is not Feed.VOLTAGE else acting(self, *self._winding)
+        effects = acting(self, self._loss) if self.feed is Feed.VOLTAGE else NEUTRAL
         return Sliding.of(
             law, self._viscous, self.quadratic_viscous, waves, self.load_torque, servo, self._force_dropped, effects
         )
 
     @property
-    def _winding(self) -> tuple[float, float]:
-        return self.motor.resistance, self.motor.motor_constant
+    def _loss(self) -> float:
+        """Its copper loss in W for a torque of 1 N·m."""
+        return self.motor.resistance / self.motor.motor_constant**2
 
     @property
     def changes_resistance(self) -> bool:
@@ -478,7 +480,7 @@ class MotorPlant(DrivenPlant, Effects):
         cogging = extra_terms(0.0, self.cogging, "B_q", "ω", "θ" if rigid else "θ_m")
         drag = extra_terms(self.quadratic_viscous, Cogging(), "B_q", "ω" if rigid else "ω_L", "θ")
         by_sign = self.viscous_backward, self.voltage_drop
-        rises = self.changes_resistance, self.heating > 0
+        rises = equation_of_rise(self, "R_a·(1 + ρ)·i²")
         whole = equations(self.motor, self.feed, cogging, weight + drag, by_sign, rises)
         return whole + (LOST if self.backlash else "")
 

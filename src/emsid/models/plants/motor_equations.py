@@ -30,7 +30,7 @@ def equations(
     rotor: str,
     load: str,
     by_sign: tuple[float, float] = (0.0, 0.0),
-    rises: tuple[bool, bool] = (False, False),
+    rises: str = "",
 ) -> str:
     """The equations as far as they apply, one per line.
 
@@ -39,15 +39,14 @@ def equations(
         feed: what drives it.
         rotor, load: further terms of the torque on either.
         by_sign: further viscous friction backward, and the voltage drop against the current.
-        rises: whether the resistance changes, and whether by copper loss.
+        rises: the equation of ρ, where the resistance changes.
     """
     back = "" if not by_sign[0] else " − ΔB·min(ω, 0)" if by_sign[0] > 0 else " + ΔB·max(ω, 0)"
     drop = " − V_d·sgn(i)" if by_sign[1] else ""
     slope = "L_a·di/dt = " if motor.inductance > 0 else "0 = "
-    ohms = "R_a·(1 + ρ)" if rises[0] else "R_a"
+    ohms = "R_a·(1 + ρ)" if rises else "R_a"
     electrical = [f"{slope}D_v(v_a){drop} − {ohms}·i − K_m·ω{'' if motor.is_rigid else '_m'}"]
-    if rises[0]:
-        electrical.append(f"dρ/dt = {f'α·h·{ohms}·i² − k·ρ' if rises[1] else 'd, |ρ| ≤ ρ_d'}")
+    electrical += [rises] if rises else []
     if feed is not Feed.VOLTAGE:
         electrical = []
     made = "T" if feed is Feed.TORQUE else "K_m·i"

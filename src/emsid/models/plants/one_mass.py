@@ -175,7 +175,7 @@ def move(
         return
     v, x, per_mass = motion[0], motion[1], 1.0 / body.mass  # in every step the next one would wait for a division
     most = steps if friction.varies[0] or friction.varies[1] or len(friction.servo) > 0 else 1
-    e, changes = friction.acting, friction.acting.resistance > 0.0
+    e, changes = friction.acting, friction.acting.loss > 0.0
     rise, easier = motion[3] if changes else 0.0, 1.0
     driving, halfway = 0.0, rise  # the force of the drive on average over a sample, and the rise in its middle
     known = other = (-1.0, -1.0, 0.0, 0.0)  # the last r and h with φ₁ and φ₂, of this part of a sample and of the other
@@ -190,7 +190,7 @@ def move(
             torque, halfway = made[k] * (driving - drag * v), rise
             if k >= still:
                 torque -= dropped(torque, made[k] * friction.drop)
-                halfway = risen(e, rise, torque, 1.0 / made[k], 0.5 * dt)
+                halfway = risen(e, rise, e.loss / made[k] * torque * torque, 0.5 * dt)
         for part in range(2):
             whole = late * dt if part == 0 else (1.0 - late) * dt
             if whole <= 0.0 or k < still:
@@ -243,7 +243,8 @@ def move(
                 middle, halfway = 0.0, rise
             over = resistance(e, abs(middle), halfway)
             torque = (driving - (late * damping[k] + (1.0 - late) * damping[k + 1]) * middle) / over
-            rise = risen(e, rise, torque - dropped(torque, friction.drop / over), over, dt)
+            torque -= dropped(torque, friction.drop / over)
+            rise = risen(e, rise, e.loss * over * torque * torque, dt)
     motion[0], motion[1] = v, x
     speeds[-1], positions[-1] = v, x
     if changes:
@@ -269,7 +270,7 @@ def _move_lagging(
     """`move` with a force of the drive that follows with a lag; without a drop and a servo."""
     mass, lag, drag = body.mass, body.lag, damping[0]
     v, x, pull = motion[0], motion[1], motion[2]
-    e, changes = friction.acting, friction.acting.resistance > 0.0
+    e, changes = friction.acting, friction.acting.loss > 0.0
     rise, easier = motion[3] if changes else 0.0, 1.0
     rate, stiff, square, pieces = np.empty(2), np.empty(2), np.empty(2), np.empty(2, np.int64)
     known = np.empty((2, 2, 4))  # responses over a step and half of it, for each part of a sample in each direction
@@ -278,7 +279,7 @@ def _move_lagging(
         if k == 0 or changes:
             if changes:
                 easier = 1.0 / resistance(e, abs(v), rise)
-                easier = 1.0 / resistance(e, abs(v), risen(e, rise, pull, 1.0 / easier, 0.5 * dt))
+                easier = 1.0 / resistance(e, abs(v), risen(e, rise, e.loss / easier * pull * pull, 0.5 * dt))
                 lag, drag = easier * body.lag, easier * damping[0]
             for side in range(2):
                 rate[side] = -0.5 * (friction.viscous[side] / mass + 1.0 / lag)
@@ -375,7 +376,7 @@ def _move_lagging(
             torque = easier * (drives - damping[0] * mean) - lag * (pull - made[k]) / dt
             if v == 0.0 and speeds[k] != 0.0:  # as in `move`
                 torque, easier = pull, 1.0 / resistance(e, 0.0, rise)
-            rise = risen(e, rise, torque, 1.0 / easier, dt)
+            rise = risen(e, rise, e.loss / easier * torque * torque, dt)
     motion[0], motion[1], motion[2] = v, x, pull
     if changes:
         motion[3] = rise

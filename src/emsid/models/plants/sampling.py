@@ -365,7 +365,7 @@ def one_mass_run(
             else:
                 pull = late * force[k] + (1.0 - late) * force[k + 1]
                 brake = late * drag[k] + (1.0 - late) * drag[k + 1]
-            easier = made[at] if friction.acting.resistance > 0.0 and inside.lag == 0.0 else 1.0
+            easier = made[at] if friction.acting.loss > 0.0 and inside.lag == 0.0 else 1.0
             torque = made[at] if inside.lag > 0.0 else easier * (pull - brake * speeds[at])
             outputs[k, n] = (torque - dropped(torque, easier * inside.drop)) / inside.per_ampere
     count[0] = 1

@@ -32,7 +32,7 @@ class PlantState(NamedTuple):
 HELD = 3
 """Index of an initial state: 1 where the plant is held at rest until its first command acts, else 0."""
 RISE = 4
-"""Index of an initial state: the rise of the resistance of a motor, as a part, or of its temperature in K."""
+"""Index of an initial state: the rise of the resistance of a motor, as a part."""
 NO_LOAD = np.empty(0)
 """No load among the inputs."""
 NO_ROWS = np.empty((0, 2))

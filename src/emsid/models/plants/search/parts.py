@@ -38,10 +38,9 @@ from emsid.models.plants.search.conclusion import concluded
 from emsid.models.plants.search.continuation import Reached
 from emsid.models.plants.search.estimation import begun_again, searched
 from emsid.models.plants.search.result import GreyBoxFit
-from emsid.models.plants.search.rising import MOST, with_heating
 from emsid.models.plants.search.scored import score_at
-from emsid.models.plants.search.speed_filter import with_filter
 from emsid.models.plants.search.task import Task
+from emsid.models.plants.search.without_moves import MOST, with_filter, with_rise
 from emsid.models.search.driver import climb
 from emsid.models.search.score import Score
 from emsid.record import Record
@@ -89,8 +88,11 @@ class Extended:
 
 @one_blas_thread()
 def with_parts(plant: Plant, records: Record | Iterable[Record], **options: Any) -> GreyBoxFit:
-    """The fit of `simulation_error`, same arguments, with filter, parts and heating that the records support."""
-    return concluded(*with_heating(*extended(*with_filter(*searched(plant, records, **options)))))
+    """The fit of `simulation_error`, same arguments, with all that the records support.
+
+    That is a filter of the speed, parts, and a resistance that changes.
+    """
+    return concluded(*with_rise(*extended(*with_filter(*searched(plant, records, **options)))))
 
 
 def extended(task: Task, start: Plant, reached: Reached) -> tuple[Task, Plant, Reached]:

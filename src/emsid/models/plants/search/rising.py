@@ -9,25 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
-from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
 from emsid.estimation.estimates import HALF_WIDTH
-from emsid.estimation.nonlinear.control import Stopped
-from emsid.estimation.uncertainty.coloured_residuals import effective_samples
 from emsid.findings import Finding, finite
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.plant import Plant
-from emsid.models.plants.search import continuation
-from emsid.models.plants.search.continuation import Reached
-from emsid.models.plants.search.moves import COOLING
-from emsid.models.plants.search.scored import bounds_of, effect_of, score_at
-from emsid.models.plants.search.task import Task
-from emsid.selection.improvement import schwarz_gain
 
 Array = NDArray[np.float64]
 
@@ -35,41 +25,8 @@ PARTS = 50
 """Parts of the segment at whose ends the rise is looked at, for its mean."""
 OF_RISE = ("heating", "cooling", "winding_drift")
 """The parameters that the rise depends on most."""
-MOST = 60
-"""Steps of the search with the heating, as of every other."""
 SMALL = 1e-3
 """Change of a parameter for derivatives, as a part of it."""
-
-
-def with_heating(task: Task, start: Plant, reached: Reached) -> tuple[Task, Plant, Reached]:
-    """The end of a search of a plant without a drive, or that with the heating of its winding where this is better.
-
-    The best of several rates of cooling is refitted if its score promises something, and taken by Schwarz's criterion.
-    """
-    plant, problem = reached.problem.plant, reached.problem
-    new = ("heating", "cooling")
-    if not {*new} <= plant.handles.keys() or not reached.unended or {*new} & {*task.asked, *task.fixed, *task.sheet}:
-        return task, start, reached
-    if plant.value("heating") or not plant.with_values({"heating": 1.0}).changes_resistance:
-        return task, start, reached
-    seconds = max(map(len, task.segments)) * task.segments[0].dt
-    with suppress(EmsidError, Stopped):
-        score, best = score_at(problem), None
-        for rate in COOLING:
-            begun = plant.with_values({"cooling": rate / seconds})
-            promise = score.promise(effect_of(problem, begun, new[:1]), *bounds_of(begun, new[:1]), least=1.0)
-            if promise.gain > 0 and (best is None or promise.gain > best[0]):
-                best = promise.gain, begun.with_values({"heating": float(promise.step[0])})
-        if best is None:
-            return task, start, reached
-        names = new if best[1].value("cooling") else new[:1]
-        limits = {**task.limits, **dict.fromkeys(names, (0.0, inf))}
-        wider = replace(task, asked=(*task.asked, *names), limits=limits)
-        found = continuation.search(wider, best[1], MOST, reached.states)
-        samples = effective_samples(found.residuals)
-        if schwarz_gain(found.cost, reached.cost, samples, len(found.names) - len(reached.names)) > 0:
-            return wider, start, found
-    return task, start, reached
 
 
 def rising(problem: FreeRunError, names: Sequence[str], covariance: Array) -> list[Finding]:

@@ -114,6 +114,13 @@ def test_columns_without_a_relation_determine_nothing(tmp_path: Path) -> None:
         assert not [name for each in findings for name in each.data.get("known", ())]
 
 
+def test_rows_without_a_current_are_skipped(tmp_path: Path) -> None:
+    log, rng = driven(DRIVE, 4, 0.2), np.random.default_rng(6)
+    found = look(tmp_path, log._replace(i_q=np.where(rng.random(len(log.i_q)) < 0.01, np.nan, log.i_q)))
+    assert found.reading["skip_bad_rows"] is True
+    assert {"resistance", "inductance_q", "flux"} <= {*shown(found)["known"]}
+
+
 def test_currents_that_do_not_respond_to_their_voltages_determine_no_inductance(tmp_path: Path) -> None:
     log = driven(DRIVE, 3, 0.2)
     said = shown(look(tmp_path, log._replace(i_d=log.i_q, i_q=log.i_d)))

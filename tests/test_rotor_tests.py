@@ -102,6 +102,47 @@ def test_a_rotor_that_turns_shows_everything(tmp_path: Path) -> None:
     assert (said["turns"], said["currents"], said["unknown"]) == (True, ["d", "q"], [])
 
 
+def test_columns_without_a_relation_determine_nothing(tmp_path: Path) -> None:
+    log, rng = driven(DRIVE, 2, 0.2), np.random.default_rng(4)
+    names = ("v_d", "v_q", "i_d", "i_q", "speed")
+    noise = log._replace(**{name: rng.standard_normal(len(log.speed)) for name in names})
+    mixed = log._replace(
+        i_d=rng.permutation(log.i_d), i_q=np.roll(log.i_q, len(log.i_q) // 2), speed=np.roll(log.speed, 700)
+    )
+    for other in (noise, mixed):
+        findings = look(tmp_path, other).findings
+        assert not [name for each in findings for name in each.data.get("known", ())]
+
+
+def test_rows_without_a_current_are_skipped(tmp_path: Path) -> None:
+    log, rng = driven(DRIVE, 4, 0.2), np.random.default_rng(6)
+    found = look(tmp_path, log._replace(i_q=np.where(rng.random(len(log.i_q)) < 0.01, np.nan, log.i_q)))
+    assert found.reading["skip_bad_rows"] is True
+    assert {"resistance", "inductance_q", "flux"} <= {*shown(found)["known"]}
+
+
+def test_currents_that_do_not_respond_to_their_voltages_determine_no_inductance(tmp_path: Path) -> None:
+    log = driven(DRIVE, 3, 0.2)
+    said = shown(look(tmp_path, log._replace(i_d=log.i_q, i_q=log.i_d)))
+    assert not {"resistance", "inductance_d", "inductance_q"} & {*said["known"]}
+
+
+def test_noise_of_a_rotor_at_rest_is_no_motion(tmp_path: Path) -> None:
+    log = logged(DRIVE, np.zeros(4000), np.zeros(4000), np.full(4000, np.nan), 9102, locked=True, added=0.0)
+    said = shown(look(tmp_path, log))
+    assert (said["turns"], said["currents"], said["known"]) == (False, [], [])
+
+
+def test_voltages_that_change_with_every_sample_are_no_noise_of_the_currents(tmp_path: Path) -> None:
+    small = DRIVE._replace(
+        resistance=1.8, inductance_d=1.5e-4, inductance_q=1.5e-4, flux=1.6e-3, proportional=0.15, integral=1800.0
+    )
+    wanted = 0.25 * steps(4000)
+    log = logged(small, wanted[:, 0], wanted[:, 1], np.full(4000, np.nan), 3, locked=True, added=1.8)
+    said = shown(look(tmp_path, log))
+    assert (said["currents"], {*said["known"]}) == (["d", "q"], WINDING)
+
+
 def test_what_a_controller_makes_of_the_noise_of_its_readings_is_no_excitation() -> None:
     n = 4000
     log = logged(DRIVE, np.zeros(n), np.zeros(n), np.full(n, np.nan), 3, locked=True, added=0.0)

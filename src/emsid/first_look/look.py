@@ -215,6 +215,8 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     proposal = _proposal(raw, columns, clock, roles)
     if motor:
         proposal |= rotor
+        bad = any(each.missing and not each.gaps for each in motor.values())
+        proposal["skip_bad_rows"] = proposal["skip_bad_rows"] or bad or None
     electrical = [name for name, unit in proposal["units"].items() if unit == "erpm"]
     if electrical and not {*electrical} & {*reading.get("units", {})}:
         pairs = reading.get("pole_pairs")

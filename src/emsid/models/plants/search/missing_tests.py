@@ -7,7 +7,8 @@ damping are zero, so that it moves; what a bound holds at zero has its usual val
 if the information of record and test together determines it.
 
 Before a search, the information of a record is that at values from regressions (`Plant.suggested`), with the noise of
-every output from its second differences. Where a motion is not seen in the outputs, friction holds it.
+every output from what the free run there leaves of it. An output of which it explains nothing says nothing, but in a
+motion without currents. Where a motion is not seen in the outputs, friction holds it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emsid.errors import EmsidError
+from emsid.estimation.nonlinear.problem import Infeasible
 from emsid.estimation.uncertainty.identifiability import Identifiability, identifiability
 from emsid.models.plants.free_run_error import FreeRunError
 from emsid.models.plants.parameters import CURRENTS, DISSIPATED, TINY, Signal
@@ -32,14 +34,17 @@ Array = NDArray[np.float64]
 SAMPLES = 4000
 """Samples of a test: 40 steps as long as the slowest of its sections on average; more add to what is known of all."""
 SURE = 0.25
-"""A test shows a parameter whose relative standard error it makes smaller than this: its interval excludes zero."""
+"""A parameter is known whose relative standard error is smaller than this: its interval excludes zero. With half or
+twice of it, 6 of 72 statements about simulated records change, all about records of noise or weak excitation."""
 SHORTEST = 4
-"""Samples of the shortest step of a test."""
+"""Samples of the shortest step of a test; twice as long ones change 5 of these 72 statements, 2 samples none."""
 REACTION = 3
-"""Samples in which a controller reacts to noise by its proportional part."""
+"""Samples in which a controller reacts to noise by its proportional part. Without its removal 21 of these 72 statements
+change: of records in which only noise excites an axis, its inductance would be known."""
 STRETCHES, STRETCH = 8, 500
 """A record is looked at in so many stretches of so many samples: in 0.05 s a brushless motor at 10 kHz shows its
-currents ten times and its inertia; in longer ones errors of assumed values add up in the angle."""
+currents ten times and its inertia; in longer ones errors of assumed values add up in the angle. Half as many or half
+as long ones change 26 of 72 statements, twice as many or as long ones none."""
 
 
 @dataclass(frozen=True)
@@ -194,30 +199,36 @@ def determined_by(plant: Plant, record: Record, fixed: Mapping[str, float | str]
     task = prepare(plant, [_without_reaction(each) for each in _stretches(record)], fixed=fixed, threads=1)
     force = FAR_TOO_MUCH * task.problem(task.plant, ()).plausible_size(_level(task.plant))
     begun: list[tuple[float, bool, FreeRunError]] = []
+    y = np.concatenate([each.output for each in task.segments])
+    currents = [k for k, signal in enumerate(task.signals) if signal in CURRENTS]
+    seen = _size(y) > SEEN * _noise(y)
+    rests = any(not seen[k] for k, signal in enumerate(task.signals) if signal not in CURRENTS)
     for start in (*task.plant.suggested(task.segments, task.signals), task.plant):
         values = {name: start.value(name) for name in task.asked}
-        for moving, holding in ((True, {}), (False, {_level(task.plant): force})):
+        for moving, holding in ((True, {}), (False, {_level(task.plant): force}))[rests:]:
             tried = task.problem(start.with_values(values | holding), task.asked)
             begun.append((cost_of(tried), moving, tried))
     _, moving, problem = min(begun, key=lambda each: each[0])
-    y = np.concatenate([each.output for each in task.segments])
-    noise = _noise(y)
-    flows = np.sqrt(np.mean(y**2, axis=0)) > FLOWS * noise
-    currents = [k for k, signal in enumerate(task.signals) if signal in CURRENTS]
+    noise = _unexplained(problem)
+    flows = seen | (_size(y) > SEEN * noise)
+    counts = noise < y.std(axis=0)
     blocks = [block.copy() for _, block in problem.exactly(problem.start)]
     if currents and not flows[currents].any():
         without = task.problem(problem.plant.with_values(problem.plant.open_circuit), task.asked)
+        noise, counts = np.minimum(noise, _unexplained(without)), np.ones(len(noise), dtype=bool)
         for block, (_, other) in zip(blocks, without.exactly(without.start), strict=True):
             for k, name in enumerate(task.asked):
                 if name in problem.plant.of_current:
                     block[:, k] = 0.0
                 elif np.linalg.norm(other[:, k]) > BY_MOTION * np.linalg.norm(block[:, k]):
                     block[:, k] = other[:, k]
-    per = problem.output_scale / noise
+    per = counts * problem.output_scale / noise
     rows = [each * np.repeat(per, len(seg))[:, None] for each, seg in zip(blocks, task.segments, strict=True)]
     names = task.asked
     found = identifiability(rows, problem.scales, names, 1.0)
-    unknown = tuple(name for name in names if any(name in group for group in found.groups))
+    hidden = {name for group in found.groups for name in group}
+    sure = dict(zip(names, _errors(found) < SURE, strict=True))
+    unknown = tuple(name for name in names if name in hidden or not sure[name])
     tests = tests_for(problem.plant, task.signals, record.dt, found, unknown, _largest(plant, task.segments), noise)
     return Shown(
         moving,
@@ -238,11 +249,14 @@ def _has_combination(found: Identifiability, group: Sequence[str]) -> bool:
 
 BY_MOTION = 0.01
 """A parameter acts on the motion itself if this part of its effect is left without currents; a flux acts on a voltage
-that is measured where no current flows."""
-FLOWS = 2.0
-"""A current flows whose mean square is four times that of its noise."""
+that is measured where no current flows. Half or twice of it changes none of 72 statements, zero 10, infinity 8."""
+SEEN = 2.0
+"""A current flows, and a rotor turns, whose mean square is four times that of its noise."""
+EXACT = 1e-6
+"""The smallest error of a model, as a part of an output: that of data without noise."""
 FAR_TOO_MUCH = 100.0
-"""Friction of so many plausible sizes, ten times what the input overcomes, holds a motor."""
+"""Friction of so many plausible sizes, ten times what the input overcomes, holds a motor; 10 to 200 of them hold it
+alike in 72 records."""
 
 
 def _level(plant: Plant) -> str:
@@ -283,6 +297,21 @@ def _without_reaction(segment: Record) -> Record:
         late @ np.linalg.lstsq(late, u[2 * REACTION :] - u[2 * REACTION :].mean(axis=0), rcond=None)[0]
     )
     return replace(segment, input=u - react)
+
+
+def _size(y: Array) -> Array:
+    """(ny,) the root of the mean square of every output."""
+    return np.asarray(np.sqrt(np.mean(y**2, axis=0)))
+
+
+def _unexplained(problem: FreeRunError) -> Array:
+    """(ny,) the root of the mean square of what a free run leaves of every output; infinite where there is none."""
+    outputs = len(problem.signals)
+    try:
+        error = np.hstack([each.reshape(outputs, -1) for each in problem.residuals(problem.start)])
+    except Infeasible:
+        return np.full(outputs, np.inf)
+    return np.asarray(problem.output_scale * np.maximum(_size(error.T), EXACT))
 
 
 def _noise(y: Array) -> Array:

@@ -5,9 +5,11 @@
 The records are those of `independent.switched_drive`, which shares no code with emsid: phase quantities, a carrier of
 20 kHz, dead time, a controller at 10 kHz. ``10kHz`` has its every reading and an inverter whose phases lose the mean of
 the dead time; ``ripple`` is the same with cogging and a ripple by current whose harmonics are known; ``switched`` has
-the ripple of the carrier, too, which bends the law of dead time. Of ``1kHz``, every tenth reading, the voltages in
+the ripple of the carrier, too, below which a phase loses nothing. Of ``1kHz``, every tenth reading, the voltages in
 between are not known: what they leave open has no interval, and is not counted. `make coverage` runs 100 records of
-``10kHz``. The intervals of ``switched`` are too short today for resistance and flux: run it to see by how much.
+``10kHz``. The intervals of ``switched`` are too short for flux and L_q: in 12 records, ψ is 0.046 ± 0.005 % too small
+(3.5 standard errors), L_q 0.13 ± 0.02 % (1.3) and L_d 0.11 ± 0.03 % (0.9). Without dead time, or with a carrier of
+200 kHz at the same U_t, ψ is 0.004 and 0.015 % too small in 5 records: most of it comes from dead time with ripple.
 """
 
 from __future__ import annotations

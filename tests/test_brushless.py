@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 import emsid
 from emsid.errors import DataError, ModelError
 from emsid.exports.firmware import crossover
+from emsid.models.plants.brushless import _mean_side
 from emsid.models.plants.park import transformed
 from emsid.plants import Brushless, Harmonic, Hold, Signal
 from independent.switched_drive import NONE, Drive, Log, driven, logged
@@ -128,6 +129,28 @@ def test_a_fit_finds_the_filter_of_a_speed_and_takes_none_where_there_is_none() 
     assert asked["sensor_lag"].value == pytest.approx(lag, rel=0.1)
     direct = emsid.identify(record, models="brushless", fixed={"pole_pairs": DRIVE.pairs}).recommended_fit
     assert "sensor_lag" not in direct.parameters
+
+
+def test_dead_time_with_the_ripple_of_a_switched_inverter_leaves_resistance_and_its_voltage_right() -> None:
+    """With U_t·i/√(i² + i_t²), the resistance of this record was 4.0 standard errors off, and U_t by 1.9 %."""
+    drive = Drive()
+    plant = emsid.plants.brushless(delay=drive.period, advance=drive.advance * drive.period, held_in="stator")
+    plant = replace(plant, dead_time_voltage=0.05, dead_time_current=0.3)
+    record = driven(drive, 5104, 0.4).record()
+    fit = emsid.fit(plant, record, free=[*plant.default_free, "dead_time_current"])
+    assert abs(fit["resistance"].value - drive.resistance) < 2.5 * fit["resistance"].standard_error
+    assert fit["dead_time_voltage"].value == pytest.approx(drive.dead, rel=0.007)
+
+
+@pytest.mark.parametrize("ripple", [0.0, 0.2])
+def test_a_current_stays_where_dead_time_takes_more_than_the_voltage(ripple: float) -> None:
+    assert all(_mean_side(ripple, ripple + part, 0.1, ripple) == pytest.approx(part / 0.1) for part in (0.03, 0.09))
+    for i, free in ((0.5, 0.1), (0.25, -0.5), (-0.3, 0.4), (0.05, 0.6), (0.4, 0.35)):
+        mean = _mean_side(i, free, 0.3, ripple)
+        j = free - 0.3 * mean
+        points = np.linspace(i, j, 100_001)
+        losses = 0.5 * (np.sign(points - ripple) + np.sign(points + ripple))
+        assert abs(losses.mean() - mean) < 1e-4
 
 
 def test_blocks_samples_files_and_c_give_the_numbers_of_one_run(tmp_path: Path) -> None:

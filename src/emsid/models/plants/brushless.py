@@ -19,8 +19,11 @@ matrix of two by two, the motion by `one_mass.move` with sticking. What is left 
 The inverter: a voltage acts after the delay, so that a controller that computes for one period and holds its voltage
 for the next one is one and a half periods late on average. An inverter holds the voltage in the frame of the stator,
 where the rotor turns on: in its frame the voltage turns back by ω_e times the age of the angle, less the time by
-which the controller advances that angle. Dead time takes U_t·i/√(i² + i_t²) from every phase, a constant drop against
-the current for i_t = 0. Where no angle is measured, it takes the fundamental of this, 4/π·U_t along the current.
+which the controller advances that angle. At each of the two edges in a period of the
+carrier, dead time takes ½·U_t against the current of the phase at that edge. With the ripple of the carrier these
+currents are i − i_t and i + i_t, so that a phase loses U_t·½·(sign(i − i_t) + sign(i + i_t)): nothing where |i| < i_t,
+and a constant voltage against the current beyond. The ripple i_t is taken as constant, although it grows with the
+voltage. Where no angle is measured, 4/π·U_t along the current stands for the three phases, beyond the same i_t.
 
 The resistance may change, R = R_s·(1 + ρ), as that of any winding (`emsid.models.plants.effects`): by its copper loss
 P = 3/2·R·(i_d² + i_q²), by a drift, or with a temperature that is logged, which is an input.
@@ -129,7 +132,7 @@ _ROWS: tuple[tuple[str, str, str, str, Measure, float], ...] = (
     ("delay", "t_d", "s", "time until a voltage acts, without the half period for which it is held", Measure.TIME, 0.0),
     ("advance", "t_a", "s", "time by which the controller advances the angle of its voltage", Measure.TIME, 0.0),
     ("dead_time_voltage", "U_t", "V", "voltage that a phase loses to dead time", Measure.COMMAND, 0.0),
-    ("dead_time_current", "i_t", "A", "current at which it loses 71 % of it", Measure.OTHER, 0.0),
+    ("dead_time_current", "i_t", "A", "half the ripple of its current; below, it loses nothing", Measure.OTHER, 0.0),
     ("sensor_lag", "t_s", "s", "time constant of the filter of the speed", Measure.TIME, 0.0),
     ("slots", "Q", "1", "slots of the stator, 0 where they are not known", Measure.OTHER, 0.0),
 )  # fmt: skip
@@ -1035,35 +1038,36 @@ _PHASES = np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)], [-0.5, -np.sqrt(0.75)]])
 
 
 @_kernel
-def _mean_side(i: float, free: float, most: float, width: float) -> float:
-    """The mean of i/√(i² + w²) over a straight way from i to j, where j is ``free`` less this mean times ``most``.
+def _mean_side(i: float, free: float, most: float, ripple: float) -> float:
+    """The mean of ½·(sign(i − Δ) + sign(i + Δ)) over a straight way from i to j = ``free`` − ``most`` · mean.
 
-    The mean is (i + j)/(√(i² + w²) + √(j² + w²)). It is found with j, so that a current stays at zero where the voltage
-    is less than what dead time takes.
+    The mean is (F(j) − F(i))/(j − i) with F(i) = max(|i|, Δ). It is found with j, so that a current stays where the
+    voltage is less than what dead time takes.
     """
-    if width <= 0.0:
-        way = 1.0 if i >= 0.0 else -1.0
-        i, free = way * i, way * free
-        if free >= most:
-            return way
-        total = i + free + most
-        j = 0.5 * (total - np.sqrt(total * total - 4.0 * i * (free - most)))
-        return float(way * max(min((free - j) / most, 1.0), -1.0))
-    square, low, high = width * width, free - most, free + most
-    a = np.sqrt(i * i + square)
-    j, side = free - most * i / a, 0.0
-    for _ in range(40):
-        b = np.sqrt(j * j + square)
-        side = (i + j) / (a + b)
-        over = j - free + most * side
+    way = 1.0 if i >= 0.0 else -1.0
+    i, free = way * i, way * free
+    if i >= ripple and free - most >= ripple:
+        return way
+    if i < ripple and abs(free) <= ripple:
+        return 0.0
+    start, low, high = max(i, ripple), free - most, free + most
+    j = min(max(i, low), high)
+    for _ in range(60):
+        over, rise = j - free, 1.0
+        if j != i:
+            mean = (max(abs(j), ripple) - start) / (j - i)
+            slope = 0.0 if abs(j) < ripple else (1.0 if j > 0.0 else -1.0)
+            over, rise = over + most * mean, 1.0 + most * (slope - mean) / (j - i)
+        else:
+            over += most if i > ripple else 0.0
         if over > 0.0:
             high = j
         else:
             low = j
-        better = j - over / (1.0 + most * (a + b - (i + j) * j / b) / (a + b) ** 2)
+        better = j - over / rise if rise > 0.0 else low
         if not low < better < high:
             better = 0.5 * (low + high)
         if abs(better - j) <= 1e-7 * most:
             break
         j = better
-    return float(side)
+    return float(way * max(min((free - j) / most, 1.0), -1.0))

@@ -18,12 +18,12 @@ matrix of two by two, the motion by `one_mass.move` with sticking. What is left 
 
 The inverter: a voltage acts after the delay, so that a controller that computes for one period and holds its voltage
 for the next one is one and a half periods late on average. An inverter holds the voltage in the frame of the stator,
-where the rotor turns on: in its frame the voltage turns back by ω_e times the age of the angle, less the time by
-which the controller advances that angle. At each of the two edges in a period of the
-carrier, dead time takes ½·U_t against the current of the phase at that edge. With the ripple of the carrier these
-currents are i − i_t and i + i_t, so that a phase loses U_t·½·(sign(i − i_t) + sign(i + i_t)): nothing where |i| < i_t,
-and a constant voltage against the current beyond. The ripple i_t is taken as constant, although it grows with the
-voltage. Where no angle is measured, 4/π·U_t along the current stands for the three phases, beyond the same i_t.
+where the rotor turns on: in its frame the voltage turns back by ω_e times the age of the angle, less the time by which
+the controller advances that angle. At each of the two edges in a period of the carrier, dead time takes ½·U_t against
+the current of the phase at that edge. With the ripple of the carrier these currents are i − i_t and i + i_t, so that a
+phase loses U_t·½·(sign(i − i_t) + sign(i + i_t)): nothing where |i| < i_t, and a constant voltage against the current
+beyond. The ripple i_t is taken as constant, although it grows with the voltage. Where no angle is measured, 4/π·U_t
+along the current stands for the three phases, beyond the same i_t.
 
 The resistance may change, R = R_s·(1 + ρ), as that of any winding (`emsid.models.plants.effects`): by its copper loss
 P = 3/2·R·(i_d² + i_q²), by a drift, or with a temperature that is logged, which is an input.

@@ -125,7 +125,7 @@ def test_an_output_is_the_signal_that_is_given(tmp_path) -> None:
     )
     assert signals_of(plant, both) == (Signal.ROTOR_SPEED, Signal.SPEED)
     assert signals_of(plant, both.split(0.5)[1]) == (Signal.ROTOR_SPEED, Signal.SPEED)
-    with pytest.raises(emsid.DataError, match="'motor' and 'wheel' are both read as the speed of"):
+    with pytest.raises(emsid.DataError, match="'motor' and 'wheel' are read as the speed of"):
         emsid.fit(plant, emsid.Record(u, np.column_stack([y, y]), DT, **given))
     with pytest.raises(emsid.DataError, match="cannot be the signal 'torque'; there are speed, rotor_speed"):
         emsid.Record(u, y, DT, signals={"y1": "torque"})

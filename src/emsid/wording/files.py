@@ -59,8 +59,8 @@ command-before-its-row info: {output} reacts to {subject} one row too early; che
 sign-lost warning: {subject} is never negative, and {output} goes both ways; give the column with the sign by
     {argument[direction]} {candidates:?{subject:assign {candidates[0]}} ({candidates:list} may be it)|{subject:assign
     …}} # Subject: the input. Data: output, candidates (columns of two values).
-brushless-columns info: {subject}: {voltages:list} and {currents:list} are of a brushless motor in the frame of its
-    rotor{speed:?{rests:?; {speed} is noise, and left out|, and {speed} is its speed}}; the model is brushless
+brushless-columns info: {subject} has voltages ({voltages:list}) and currents ({currents:list}) of the rotor axes of a
+    brushless motor{speed:?{rests:?; {speed} is noise, and left out|, and its speed, {speed}}}; the model is brushless
     # Subject: the file. Data: voltages, currents, speed (columns; speed may be empty), rests (whether the rotor does).
 pole-pairs-open warning: {subject}: the number of pole pairs is not given, and {usual:g} is assumed: give it
     ({argument[fixed]} pole_pairs=…), as flux and inertia depend on it # Subject: the file. Data: usual.

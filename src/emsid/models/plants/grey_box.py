@@ -242,9 +242,9 @@ def check_channels(plant: Plant, signals: Sequence[Signal], record: Record) -> N
     if twice is not None:
         alike = [name for name, signal in zip(record.output_names, signals, strict=True) if signal is twice]
         raise DataError(
-            f"{record.name}: {listed([*map(repr, alike)])} are both read as the {twice.value} of {plant.name}; say "
-            "what each measures, such as rotor_speed and load_speed, or leave one out",
-            arguments=("signals",),
+            f"{record.name}: {listed([*map(repr, alike)])} are read as the {twice.value} of {plant.name}; give the "
+            "unit of each, say what each measures, such as rotor_speed and load_speed, or leave one out",
+            arguments=("units", "signals"),
         )
     if channels is None:
         return

@@ -371,6 +371,8 @@ def test_firmware_has_the_constants_in_its_own_conventions(tmp_path: Path) -> No
     written: dict[str, dict[str, float]] = {}
     for firmware in ("odrive", "vesc", "moteus", "simplefoc"):
         emsid.export(model, firmware, tmp_path / firmware, name="m", dt=1e-4, bandwidth=600)
+        readme = next((tmp_path / firmware).glob("*.md")).read_text()
+        assert not {"temperature_coefficient", "drift_end"} & {*re.findall(r"\w+", readme)}
         (file,) = (each for each in (tmp_path / firmware).iterdir() if each.name.startswith("m_"))
         written[firmware] = constants(file.read_text())
     mean, torque = 0.5 * (DRIVE.inductance_d + DRIVE.inductance_q), 1.5 * DRIVE.pairs * DRIVE.flux

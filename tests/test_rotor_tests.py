@@ -150,6 +150,33 @@ def test_what_a_controller_makes_of_the_noise_of_its_readings_is_no_excitation()
         determined_by(emsid.plants.brushless(), log.record("i_d i_q", inputs="v_d v_q"), {"pole_pairs": 7})
 
 
+def test_phases_of_a_log_are_named_and_their_axes_looked_at(tmp_path: Path, run) -> None:
+    log = driven(DRIVE, 2, 0.2)
+    at = DRIVE.pairs * log.angle[:, None] - 2 * np.pi / 3 * np.arange(3)
+    voltages = log.v_d[:, None] * np.cos(at) - log.v_q[:, None] * np.sin(at)
+    currents = log.i_d[:, None] * np.cos(at) - log.i_q[:, None] * np.sin(at)
+    phases = {f"u{each} [V]": column for each, column in zip("abc", voltages.T, strict=True)}
+    phases |= {f"i{each} [A]": column for each, column in zip("abc", currents.T, strict=True)}
+    rest = {"theta_e [rad]": np.mod(DRIVE.pairs * log.angle, 2 * np.pi), "n [rad/s]": log.speed}
+    path = written(tmp_path / "lab.csv", {"t [s]": log.period * np.arange(len(log.v_q)), **phases, **rest})
+    (found,) = (each for each in emsid.describe(path).findings if each.code == "phases-of-motor")
+    assert found.data == {"phases": ["v=ua,ub,uc", "i=ia,ib,ic"], "angle": "theta_e", "electrical": True}
+    given = {"phases": {"v": "ua,ub,uc", "i": "ia,ib,ic"}, "rotor_angle": "theta_e", "electrical_angle": True}
+    looked = emsid.describe(path, **given, pole_pairs=7)
+    assert looked.fit == {"models": "brushless", "fixed": {"pole_pairs": "7"}}
+    assert looked.record.input_names == ("v_d", "v_q", "rotor")
+    assert looked.record.input[:, :2] == pytest.approx(np.column_stack([log.v_d, log.v_q]), abs=1e-6)
+    assert looked.record.output_names == ("i_d", "i_q", "n [rad/s]")
+    two_motors = {**phases, "ic [A]": np.roll(currents[:, 2], 300)}  # three currents that do not add up to nothing
+    other = emsid.describe(
+        written(tmp_path / "other.csv", {"t [s]": 1e-4 * np.arange(len(log.v_q)), **two_motors, **rest})
+    )
+    assert "phases-of-motor" not in {each.code for each in other.findings}
+    status, out, _ = run("describe", path)
+    assert status == 0
+    assert "--phases v=ua,ub,uc and i=ia,ib,ic, --rotor-angle theta_e with --electrical-angle and --pole-pairs" in out
+
+
 @pytest.fixture(scope="module")
 def fit() -> emsid.Fit:
     """A motor fitted to a log with the rotor held."""

@@ -179,6 +179,11 @@ EXAMPLES: tuple[Finding, ...] = (
         "log.csv",
         {"voltages": ["v_q"], "currents": ["i_q"], "speed": "speed", "rests": True},
     ),
+    Finding(
+        "phases-of-motor",
+        "log.csv",
+        {"phases": ["v=ua,ub,uc", "i=ia,ib,ic"], "angle": "theta_e", "electrical": True},
+    ),
     Finding("pole-pairs-open", "log.csv", {"usual": 7.0}),
     Finding("speed-electrical", "erpm", {"pole_pairs": None}),
     Finding("speed-electrical", "erpm", {"pole_pairs": 7}),

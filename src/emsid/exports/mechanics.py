@@ -9,6 +9,7 @@ from typing import Any
 
 from emsid.errors import ModelError
 from emsid.exports.formats import Export
+from emsid.models.plants.effects import ROWS
 from emsid.units import plain_unit
 
 CARRIED = (
@@ -20,7 +21,7 @@ CARRIED = (
 WINDING = ("resistance", "motor_constant", "inductance", "gravity.angle", "gravity.acceleration", "gravity.period")
 """Parameters that the configuration of a motor carries, and those of gravity that have no effect alone."""
 """Parameters that an export of mechanics carries; of the others, those with an effect are named."""
-NEUTRAL = {"drive.gain": 1.0, "drive.beyond": 1.0, "sensor.ratio": 1.0}
+NEUTRAL = {"drive.gain": 1.0, "drive.beyond": 1.0, "sensor.ratio": 1.0} | {row.name: row.default for row in ROWS}
 """Values without an effect of parameters that have none at zero; slopes of dead zones and periods have none alone."""
 SILENT = (".m_l", ".m_r", ".b_l", ".b_r", ".period", "stribeck_rate", "drive.supply", "drive.knee", "drive.beyond")
 

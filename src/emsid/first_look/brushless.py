@@ -7,11 +7,15 @@ measured value is preferred to a setpoint; a setpoint of a current is none, whil
 Where the speed is electrical, it is that of a motor with one pole pair, whose inertia and friction are those of the
 shaft over the square of the number of pole pairs; its other constants are the same.
 
+Phases become axes where the arguments for that are given. Where they are not, three voltages and three currents whose
+names differ in one letter, and an angle, are taken for phases if the currents add up to nothing.
+
 What the record can determine comes from the derivatives of the model (`emsid.models.plants.search.missing_tests`).
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,7 +24,8 @@ import numpy as np
 from emsid.errors import EmsidError
 from emsid.findings import Finding
 from emsid.first_look.columns import Column
-from emsid.first_look.names import ColumnQuantity, axis_of, is_setpoint, unknown_unit
+from emsid.first_look.names import ColumnQuantity, axis_of, is_setpoint, unknown_unit, without_unit
+from emsid.io.axes import ROTOR
 from emsid.models.plants.brushless import Brushless
 from emsid.models.plants.parameters import Signal
 from emsid.models.verbs import Shown, determined_by
@@ -30,8 +35,13 @@ LONGEST = 2e-3
 """Longest sample time in s: windings have time constants of 0.1 to 5 ms, and a sample has 80 steps of the motor."""
 UNITS = {ColumnQuantity.VOLTAGE: "V", ColumnQuantity.CURRENT: "A", ColumnQuantity.SPEED: "rad/s"}
 _VOLTAGE, _CURRENT, _SPEED = UNITS
+PHASES = ("abc", "uvw", "123")
+"""What the names of three phases differ in."""
+ADDS_UP = 0.1
+"""The sum of the currents of a star has at most this part of the variance of one of them; that of three currents that
+have nothing to do with each other has three times that variance, and noise of a tenth of a current 3 % of it."""
 Axes = dict[tuple[ColumnQuantity, str], Column]
-"""Columns by quantity and axis."""
+"""Columns by quantity and axis; the axis of speed and angle is ``""``."""
 
 
 def axes(columns: Sequence[Column]) -> Axes:
@@ -57,7 +67,31 @@ def axes(columns: Sequence[Column]) -> Axes:
     if found.get((_VOLTAGE, "d")) is not None and found[_VOLTAGE, "d"].constant and not found[_VOLTAGE, "d"].high:
         del found[_VOLTAGE, "d"]
     speeds = [each for each in speeds if not (each.constant or is_setpoint(each.name))]
-    return found | ({(_SPEED, ""): min(speeds, key=lambda each: each.meaning.unit == "erpm")} if speeds else {})
+    found |= {(_SPEED, ""): min(speeds, key=lambda each: each.meaning.unit == "erpm")} if speeds else {}
+    rotor = [each for each in usable if each.name == ROTOR]
+    return found | ({(ColumnQuantity.POSITION, ""): rotor[0]} if rotor else {})
+
+
+def phases_in(columns: Sequence[Column], file: str) -> list[Finding]:
+    """The finding that a file has the phases of a motor and its angle."""
+    usable = [each for each in columns if each.kind == "numbers" and not each.constant]
+    found = dict[str, tuple[str, ...]]()
+    for letter, quantity in (("v", _VOLTAGE), ("i", _CURRENT)):
+        named = {without_unit(each.name)[0].strip(): each for each in usable if each.meaning.quantity is quantity}
+        for name, at, few in ((each, at, few) for each in named for at in range(len(each)) for few in PHASES):
+            marks = few.upper() if name[at].isupper() else few
+            three = tuple(name[:at] + mark + name[at + 1 :] for mark in marks)
+            if name == three[0] and {*three} <= {*named}:
+                signals = [named[each].signal for each in three]
+                small = ADDS_UP * np.mean([np.var(each) for each in signals])
+                if quantity is _VOLTAGE or np.var(np.sum(signals, axis=0)) <= small:
+                    found.setdefault(letter, three)
+    angles = [without_unit(each.name)[0].strip() for each in usable if each.meaning.quantity is ColumnQuantity.POSITION]
+    if len(found) < 2 or not angles:
+        return []
+    electrical = bool(re.search(r"elec|_e$", angles[0].lower()))
+    given = [f"{letter}={','.join(names)}" for letter, names in found.items()]
+    return [Finding("phases-of-motor", file, {"phases": given, "angle": angles[0], "electrical": electrical})]
 
 
 def reading_of(found: Axes) -> dict[str, Any]:
@@ -65,10 +99,11 @@ def reading_of(found: Axes) -> dict[str, Any]:
     voltages = [found[_VOLTAGE, axis] for axis in "dq" if (_VOLTAGE, axis) in found]
     rest = [found[place] for place in ((_CURRENT, "d"), (_CURRENT, "q"), (_SPEED, "")) if place in found]
     units = {
-        column.name: column.meaning.unit or UNITS[quantity]
+        column.name: column.meaning.unit or UNITS.get(quantity, "rad")
         for (quantity, _), column in found.items()
         if column.meaning.unit or not unknown_unit(column.name)
     }
+    voltages += [column for (quantity, _), column in found.items() if quantity is ColumnQuantity.POSITION]
     return {"input": [each.name for each in voltages], "output": [each.name for each in rest], "units": units}
 
 

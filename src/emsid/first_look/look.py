@@ -22,7 +22,7 @@ from emsid.arguments import as_names
 from emsid.errors import DataError, EmsidError
 from emsid.estimation.threads import one_blas_thread
 from emsid.findings import Finding
-from emsid.first_look.brushless import LONGEST, Axes, axes, findings_about, fit_of, reading_of, shown_by
+from emsid.first_look.brushless import LONGEST, Axes, axes, findings_about, fit_of, phases_in, reading_of, shown_by
 from emsid.first_look.clock import Clock, contradiction, find_clock, stated_clock
 from emsid.first_look.columns import FEWEST_LEVELS, Column, Stretch, column_of_numbers
 from emsid.first_look.data_advice import TOLERANCE, advice, useless
@@ -37,6 +37,7 @@ from emsid.first_look.names import ColumnQuantity, Meaning, meaning_of, units_of
 from emsid.first_look.responses import ANSWERED, SEEN, answers
 from emsid.first_look.roles import Roles, find_roles, with_responses
 from emsid.first_look.standstill import returns_to_zero
+from emsid.io.axes import with_axes
 from emsid.io.columns import Columns, Excerpt, as_numbers, errors_of
 from emsid.io.edges import sources, with_edges
 from emsid.io.messages import numeric_columns, on_one_clock, with_clocks_of_messages
@@ -61,6 +62,7 @@ USELESS = frozenset(
         "output-noise-only",
         "not-readable",
         "no-role-found",
+        "phases-of-motor",
         "steady-states",
     }
 )
@@ -183,10 +185,11 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         named = [name for side in ("input", "output") for name in as_names(reading.get(side) or ())]
         with_counts, missed = with_edges(parsed.columns, named)
         parsed = replace(parsed, columns=with_counts)
-        reading = with_names_of(parsed.columns, reading)
+        turned = _with_axes(parsed, reading)
+        reading = with_names_of(turned, reading)
     given = {side: as_names(reading.get(side) or ()) for side in ("input", "output")}
     named = [name for names in given.values() for name in names]
-    raw, called = with_other_files(parsed.columns, file, named, reading.get("time"), read_columns)
+    raw, called = with_other_files(turned, file, named, reading.get("time"), read_columns)
     raw, of_file = _by_messages(raw, file.name, reading.get("time") or ""), raw
     raw = _on_one_clock(raw, reading.get("time") or "")
     rows = Counter(len(series) for series in raw.series.values()).most_common(1)[0][0]
@@ -204,7 +207,7 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
     motor = axes(table) if not any(known) and clock.dt <= LONGEST else {}
     if motor:
         rotor = reading_of(motor)
-        known = (rotor["input"][-1], rotor["output"][-1])
+        known = (motor[ColumnQuantity.VOLTAGE, "q"].name, rotor["output"][-1])
     roles = find_roles(table, clock.column, *known)
     columns = _with_responses_to_codes(columns, roles)
     noticed: list[Finding] = [*missed]
@@ -252,10 +255,21 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         return replace(look, kind=what, findings=tuple(shown))
     if motor:
         return _of_motor(look, parsed, noticed, motor)
+    if phases := [] if any(known) else phases_in(table, file.name):
+        return replace(look, kind=what, findings=(*noticed, *phases))
     look = _with_hanging_angle(look, parsed, set(reading))
     noticed += _about_columns(look, set(reading))
     look = _with_record(look, parsed, noticed, set(reading))
     return replace(look, kind=kind_of(table, clock, roles, look.useless) if look.useless else what)
+
+
+def _with_axes(parsed: ParsedFile, reading: Mapping[str, Any]) -> Columns:
+    """The columns with the axes of the phases that are given, as `emsid.read` has them; not of an excerpt."""
+    if parsed.columns.excerpt is not None:
+        return parsed.columns
+    phases, units, angle = reading.get("phases") or {}, reading.get("units") or {}, reading.get("rotor_angle")
+    turned = reading.get("pole_pairs"), reading.get("electrical_angle", False), reading.get("power_invariant", False)
+    return with_axes(parsed.columns, phases, angle, *turned, units, parsed.path.name)[0]
 
 
 def _on_one_clock(raw: Columns, time: str) -> Columns:

@@ -62,6 +62,9 @@ sign-lost warning: {subject} is never negative, and {output} goes both ways; giv
 brushless-columns info: {subject} has voltages ({voltages:list}) and currents ({currents:list}) of the rotor axes of a
     brushless motor{speed:?{rests:?; {speed} is noise, and left out|, and its speed, {speed}}}; the model is brushless
     # Subject: the file. Data: voltages, currents, speed (columns; speed may be empty), rests (whether the rotor does).
+phases-of-motor warning: {subject} has phases of a brushless motor; {argument[phases]} {phases:list},
+    {argument[rotor_angle]} {angle}{electrical:? with {argument[electrical_angle]}} and {argument[pole_pairs]} turn them
+    to the axes of its rotor # Subject: the file. Data: phases (texts for the argument), angle (column), electrical.
 pole-pairs-open warning: {subject}: the number of pole pairs is not given, and {usual:g} is assumed: give it
     ({argument[fixed]} pole_pairs=…), as flux and inertia depend on it # Subject: the file. Data: usual.
 speed-electrical warning: {subject} is electrical: {argument[units]} {subject:assign erpm} {argument[pole_pairs]}

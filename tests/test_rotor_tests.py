@@ -18,6 +18,7 @@ import pytest
 import emsid
 from emsid.first_look import FirstLook, describe
 from emsid.models.plants.search.missing_tests import determined_by
+from emsid.report.views.first_look import role
 from independent.switched_drive import Drive, Log, driven, logged
 
 DRIVE = Drive(switched=False)
@@ -167,6 +168,9 @@ def test_phases_of_a_log_are_named_and_their_axes_looked_at(tmp_path: Path, run)
     assert looked.record.input_names == ("v_d", "v_q", "rotor")
     assert looked.record.input[:, :2] == pytest.approx(np.column_stack([log.v_d, log.v_q]), abs=1e-6)
     assert looked.record.output_names == ("i_d", "i_q", "n [rad/s]")
+    roles = {column.name: role(column, looked).split()[0] for column in looked.columns if role(column, looked)}
+    sides = dict.fromkeys(("v_d", "v_q", "rotor"), "input") | dict.fromkeys(("i_d", "i_q", "n [rad/s]"), "output")
+    assert roles == {"t [s]": "time", **sides}
     two_motors = {**phases, "ic [A]": np.roll(currents[:, 2], 300)}  # three currents that do not add up to nothing
     other = emsid.describe(
         written(tmp_path / "other.csv", {"t [s]": 1e-4 * np.arange(len(log.v_q)), **two_motors, **rest})

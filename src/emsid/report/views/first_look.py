@@ -8,6 +8,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from emsid.arguments import as_names
 from emsid.errors import listed
 from emsid.findings import Finding
 from emsid.first_look import FirstLook, Group, without_findings_of_all
@@ -63,7 +64,8 @@ def role(column: Column, look: FirstLook) -> str:
         roles.input: ("input", roles.input_confidence),
     }.get(column.name)
     if found is None:
-        return "reference" if column.meaning.quantity is ColumnQuantity.REFERENCE else ""
+        sides = (side for side in ("input", "output") if column.name in as_names(look.reading.get(side) or ()))
+        return next(sides, "reference" if column.meaning.quantity is ColumnQuantity.REFERENCE else "")
     return f"{found[0]} ({how_sure(found[1])})"
 
 

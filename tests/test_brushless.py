@@ -151,6 +151,7 @@ def test_a_current_stays_where_dead_time_takes_more_than_the_voltage(ripple: flo
         points = np.linspace(i, j, 100_001)
         losses = 0.5 * (np.sign(points - ripple) + np.sign(points + ripple))
         assert abs(losses.mean() - mean) < 1e-4
+        assert mean == pytest.approx((max(abs(j), ripple) - max(abs(i), ripple)) / (j - i), abs=1e-12)
 
 
 def test_blocks_samples_files_and_c_give_the_numbers_of_one_run(tmp_path: Path) -> None:

@@ -106,7 +106,7 @@ or where the rotor turns on, with the angle of the reading or that of the middle
 SMALL = 1e-5
 """Changes of the state for a derivative, in SI units. The effects of harmonics differ from differences of whole runs by
 0.02 to 0.2 % with it or a tenth of it, by 0.5 to 0.8 % with 1e-3 (the current of a phase changes its sign within more
-samples); it is 1,000 times the tolerance of the currents under dead time."""
+samples)."""
 MOST_PERIODS = 360
 """The most periods in a turn: the first harmonic of cogging has the least common multiple of slots and poles, 84 of 12
 and 14, 264 of 24 and 22."""
@@ -1041,8 +1041,8 @@ _PHASES = np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)], [-0.5, -np.sqrt(0.75)]])
 def _mean_side(i: float, free: float, most: float, ripple: float) -> float:
     """The mean of ½·(sign(i − Δ) + sign(i + Δ)) over a straight way from i to j = ``free`` − ``most`` · mean.
 
-    The mean is (F(j) − F(i))/(j − i) with F(i) = max(|i|, Δ). It is found with j, so that a current stays where the
-    voltage is less than what dead time takes.
+    The mean is (F(j) − F(i))/(j − i) with F(i) = max(|i|, Δ), so that j is the root of a square on each side of Δ and
+    of −Δ. A current stays where the voltage is less than what dead time takes.
     """
     way = 1.0 if i >= 0.0 else -1.0
     i, free = way * i, way * free
@@ -1050,24 +1050,14 @@ def _mean_side(i: float, free: float, most: float, ripple: float) -> float:
         return way
     if i < ripple and abs(free) <= ripple:
         return 0.0
-    start, low, high = max(i, ripple), free - most, free + most
-    j = min(max(i, low), high)
-    for _ in range(60):
-        over, rise = j - free, 1.0
-        if j != i:
-            mean = (max(abs(j), ripple) - start) / (j - i)
-            slope = 0.0 if abs(j) < ripple else (1.0 if j > 0.0 else -1.0)
-            over, rise = over + most * mean, 1.0 + most * (slope - mean) / (j - i)
-        else:
-            over += most if i > ripple else 0.0
-        if over > 0.0:
-            high = j
-        else:
-            low = j
-        better = j - over / rise if rise > 0.0 else low
-        if not low < better < high:
-            better = 0.5 * (low + high)
-        if abs(better - j) <= 1e-7 * most:
-            break
-        j = better
+    start = max(i, ripple)
+    if i < ripple < free:  # j > Δ
+        half, rest = 0.5 * (free + i - most), free * i - most * ripple
+        j = half + np.sqrt(half * half - rest)
+    elif i >= ripple and (ripple + free) * (ripple + i) + most * (ripple - i) >= 0.0:  # |j| ≤ Δ
+        half, rest = 0.5 * (free + i), free * i + most * (ripple - i)
+        j = half - np.sqrt(max(half * half - rest, 0.0))
+    else:  # j < −Δ
+        half, rest = 0.5 * (free + i + most), free * i - most * start
+        j = half - np.sqrt(max(half * half - rest, 0.0))
     return float(way * max(min((free - j) / most, 1.0), -1.0))

@@ -75,9 +75,10 @@ def axes(columns: Sequence[Column]) -> Axes:
 def phases_in(columns: Sequence[Column], file: str) -> list[Finding]:
     """The finding that a file has the phases of a motor and its angle."""
     usable = [each for each in columns if each.kind == "numbers" and not each.constant]
+    called = {without_unit(each.name)[0].strip(): each for each in usable}
     found = dict[str, tuple[str, ...]]()
     for letter, quantity in (("v", _VOLTAGE), ("i", _CURRENT)):
-        named = {without_unit(each.name)[0].strip(): each for each in usable if each.meaning.quantity is quantity}
+        named = {name: each for name, each in called.items() if each.meaning.quantity is quantity}
         for name, at, few in ((each, at, few) for each in named for at in range(len(each)) for few in PHASES):
             marks = few.upper() if name[at].isupper() else few
             three = tuple(name[:at] + mark + name[at + 1 :] for mark in marks)
@@ -86,7 +87,7 @@ def phases_in(columns: Sequence[Column], file: str) -> list[Finding]:
                 small = ADDS_UP * np.mean([np.var(each) for each in signals])
                 if quantity is _VOLTAGE or np.var(np.sum(signals, axis=0)) <= small:
                     found.setdefault(letter, three)
-    angles = [without_unit(each.name)[0].strip() for each in usable if each.meaning.quantity is ColumnQuantity.POSITION]
+    angles = [name for name, each in called.items() if each.meaning.quantity is ColumnQuantity.POSITION]
     if len(found) < 2 or not angles:
         return []
     electrical = bool(re.search(r"elec|_e$", angles[0].lower()))

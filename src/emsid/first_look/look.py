@@ -215,11 +215,9 @@ def describe(path: Any, *, tolerance: float = TOLERANCE, **reading: Any) -> Firs
         rows = max(map(len, of_file.series.values()))
         data = {"rows": rows, "columns": [roles.input, roles.output]}
         noticed.append(Finding("rows-of-messages", file.name, data))
-    proposal = _proposal(raw, columns, clock, roles)
+    proposal = _proposal(raw, columns, clock, roles, motor)
     if motor:
         proposal |= rotor
-        bad = any(each.missing and not each.gaps for each in motor.values())
-        proposal["skip_bad_rows"] = proposal["skip_bad_rows"] or bad or None
     electrical = [name for name, unit in proposal["units"].items() if unit == "erpm"]
     if electrical and not {*electrical} & {*reading.get("units", {})}:
         pairs = reading.get("pole_pairs")
@@ -446,7 +444,7 @@ def _bare(given: Sequence[str]) -> str:
     return inner[1] if inner else first
 
 
-def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: Roles) -> dict[str, Any]:
+def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: Roles, motor: Axes) -> dict[str, Any]:
     """Arguments of `emsid.read` as guessed."""
     used = [columns[name] for name in (roles.input, roles.output) if name in columns]
     output = columns.get(roles.output)
@@ -469,7 +467,7 @@ def _proposal(raw: Columns, columns: Mapping[str, Column], clock: Clock, roles: 
         reading["resample"] = None if clock.axis is None or clock.axis.regular else True
     else:
         reading["dt"] = clock.dt
-    names = [*(column.name for column in used), *([clock.column] if clock.column else [])]
+    names = {*(column.name for column in (*used, *motor.values())), *([clock.column] if clock.column else [])}
     bad = sum(columns[name].missing for name in names if not columns[name].gaps) + len(raw.damaged)
     reading["skip_bad_rows"] = True if bad else None
     return reading

@@ -1050,14 +1050,12 @@ def _mean_side(i: float, free: float, most: float, ripple: float) -> float:
         return way
     if i < ripple and abs(free) <= ripple:
         return 0.0
-    start = max(i, ripple)
+    side = -1.0
     if i < ripple < free:  # j > Δ
-        half, rest = 0.5 * (free + i - most), free * i - most * ripple
-        j = half + np.sqrt(half * half - rest)
+        half, rest, side = 0.5 * (free + i - most), free * i - most * ripple, 1.0
     elif i >= ripple and (ripple + free) * (ripple + i) + most * (ripple - i) >= 0.0:  # |j| ≤ Δ
         half, rest = 0.5 * (free + i), free * i + most * (ripple - i)
-        j = half - np.sqrt(max(half * half - rest, 0.0))
     else:  # j < −Δ
-        half, rest = 0.5 * (free + i + most), free * i - most * start
-        j = half - np.sqrt(max(half * half - rest, 0.0))
+        half, rest = 0.5 * (free + i + most), free * i - most * max(i, ripple)
+    j = half + side * np.sqrt(max(half * half - rest, 0.0))
     return float(way * max(min((free - j) / most, 1.0), -1.0))

@@ -220,6 +220,12 @@ class FreeRunError:
         """W·(ŷ − y) of every segment, channel after channel."""
         return self._last.at(theta, lambda: self._simulated(theta))
 
+    def errors(self) -> Array:
+        """(ny, N) W·(ŷ − y) of every output at the start, in its unit, one segment after the other."""
+        outputs = len(self.signals)
+        errors = np.hstack([each.reshape(outputs, -1) for each in self.residuals(self.start)])
+        return np.asarray(errors * self.output_scale[:, None])
+
     def linearised(self, theta: Array) -> list[Block]:
         """Residuals and their derivative: one-sided differences during a search, `exactly` at its end."""
         known = self._linearised_at

@@ -99,7 +99,7 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
             iterations=steps,
             findings=findings,
             table=rows,
-            output_noise=_left(problem),
+            output_noise=np.std(problem.errors(), axis=1),
             combinations=together,
             identifiability=identifiability,
             segments=task.segments,
@@ -117,13 +117,6 @@ def concluded(task: Task, start: Plant, reached: Reached) -> GreyBoxFit:
 
 OWN = ("findings", "iterations", "table", "output_noise")
 """What a fit of a plant has of its own."""
-
-
-def _left(problem: FreeRunError) -> Array:
-    """(ny,) the standard deviation of the error of every output, in its unit."""
-    outputs = len(problem.signals)
-    errors = np.hstack([each.reshape(outputs, -1) for each in problem.residuals(problem.start)])
-    return np.asarray(np.std(errors, axis=1) * problem.output_scale)
 
 
 def searches_agreeing(model: str, cost: float, ends: Sequence[float], compared: int = 1) -> Finding:

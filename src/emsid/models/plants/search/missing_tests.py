@@ -306,12 +306,10 @@ def _size(y: Array) -> Array:
 
 def _unexplained(problem: FreeRunError) -> Array:
     """(ny,) the root of the mean square of what a free run leaves of every output; infinite where there is none."""
-    outputs = len(problem.signals)
     try:
-        error = np.hstack([each.reshape(outputs, -1) for each in problem.residuals(problem.start)])
+        return np.maximum(_size(problem.errors().T), EXACT * problem.output_scale)
     except Infeasible:
-        return np.full(outputs, np.inf)
-    return np.asarray(problem.output_scale * np.maximum(_size(error.T), EXACT))
+        return np.full(len(problem.signals), np.inf)
 
 
 def _noise(y: Array) -> Array:
